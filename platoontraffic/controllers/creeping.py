@@ -4,16 +4,20 @@ A law keeps a strip free that is wider than its vehicle. Two vehicles whose stri
 each other wait for each other for ever. So a vehicle that has stood for `AFTER` before an obstacle that has not moved
 either, and that would pass it, is given the swath that its body really sweeps (`swept_kernel`), `CLEARANCE` wider on
 each side, at walking pace, until it has driven one length beyond the obstacle. It stops before whatever the laser meets
-in that swath, and as soon as the obstacle moves.
+in that swath, and as soon as the obstacle moves. What is no wider than a person it does not pass so: a person waits for
+the vehicle to stop, and then walks.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from platoontraffic.controllers.law import Sensed
+from platoontraffic.lidar import find_segments
 
 AFTER = 10.0  # time that a vehicle and what it stands for must have stood [s] ...
 EVERY = 1.0  # ... and period after which one that could not pass tries again [s]
@@ -26,6 +30,10 @@ CLOSEST = 0.03  # the same where it goes on along a body that is close beside it
 ON_LINE = 0.15  # offset from the path up to which it may [vehicle widths]
 ALONGSIDE, BESIDE = 0.1, 0.02  # a return so far before the front bumper [vehicle lengths] may be as near as it is [m]
 REACH = 3.0  # length of the swath [vehicle lengths]
+PERSON = 0.8  # greatest width of a person, with arms and bags [m]
+AT_EDGE = 3  # a body seen within so many beams of the end of the view may reach beyond it
+GRAZING = math.radians(10)  # of beams along a wall that is seen as one
+FULL_SIZE = 2.0  # vehicles shorter than that are robots among robots [m]
 
 
 class Creeping(NamedTuple):
@@ -43,21 +51,30 @@ class Creeping(NamedTuple):
         return self.left > 0
 
     def after(
-        self, sensed: Sensed, free: np.ndarray, before: np.ndarray, held: np.ndarray, curvature: np.ndarray, dt: float
+        self,
+        sensed: Sensed,
+        strip: tuple[np.ndarray, np.ndarray, np.ndarray],
+        held: np.ndarray,
+        curvature: np.ndarray,
+        dt: float,
     ) -> Creeping:
         """The state after dt.
 
-        free, before : distance to the first obstacle on the strip, in this scan and in the last one [m], (n,)
+        strip        : distance to the first obstacle on the strip [m], its bearing from the laser [rad], and the
+                       distance in the last scan, (n,) each
         held         : the vehicle stands, or would, for something else: a line, a predecessor; bool (n,)
         curvature    : that is steered [1/m], (n,)
         """
         # Imported here: importing numba takes half a second.
         from platoontraffic.controllers.creeping_kernel import wait
 
+        free, bearing, before = strip
         length, after = sensed.body.length, Creeping(*np.empty((2, len(free))))
         if wait(self, sensed.speed, length, free, before, held, AFTER, dt, after):
             tries, tried = (np.ceil((state.stood - AFTER) / EVERY) for state in (after, self))
             for i in np.flatnonzero((after.stood > AFTER) & (tries > tried) & ~self.active):
+                if length[i] > FULL_SIZE and is_narrow(sensed, int(i), bearing[i]):
+                    continue
                 if swept(sensed, int(i), curvature[i]) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
                     after.left[i] = length[i]
         return after
@@ -70,6 +87,16 @@ def acceleration(sensed: Sensed, rows: np.ndarray, curvature: np.ndarray, brakin
     allowed = np.sqrt(braking * np.maximum(free - STOP * length, 0.0))  # half of the braking: it stops early
     faster = (speed > allowed) | (allowed == 0)  # one that stands where it must stop stays: no step of it is too small
     return np.where(faster, -braking, np.minimum(GAIN * (SPEED * length - speed), braking / 2))
+
+
+def is_narrow(sensed: Sensed, i: int, bearing: float) -> bool:
+    """Whether what vehicle i sees at a bearing [rad] is no wider than a person."""
+    scan, row = sensed.scan, slice(i, i + 1)
+    one = replace(scan, ids=scan.ids[row], ranges=scan.ranges[row], hits=None, inside=scan.inside[row])
+    segments, beam = find_segments(one, grazing=GRAZING), int(np.abs(scan.model.angles - bearing).argmin())
+    around = (segments.first <= beam) & (beam <= segments.last)
+    whole = (segments.first > AT_EDGE) & (segments.last < len(scan.model.angles) - 1 - AT_EDGE)
+    return bool((around & whole & (segments.width < PERSON)).any())
 
 
 def swept(sensed: Sensed, i: int, curvature: float) -> float:

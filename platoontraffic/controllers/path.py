@@ -238,8 +238,8 @@ class PathLeader(Law):
         """
         from platoontraffic.controllers.path_kernel import limits_of  # importing numba takes half a second
 
-        acceleration, obstacle, (free, bearing, before) = along.acceleration, along.obstacle, strip
-        creeps = creeps.after(sensed, free, before, lines < obstacle, along.curvature, dt)
+        acceleration, obstacle, (free, bearing, _) = along.acceleration, along.obstacle, strip
+        creeps = creeps.after(sensed, strip, lines < obstacle, along.curvature, dt)
         active = creeps.active
         if len(rows := active.nonzero()[0]):
             acceleration = acceleration.copy()

@@ -14,8 +14,8 @@ import pandas as pd
 
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import replacing
-from platoontraffic.sumo.background import PERSON
 from platoontraffic.sumo.frame import front_of, sumo_angle
+from platoontraffic.world.traffic import PERSON
 
 NAME = "fcd.xml"
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>

@@ -3,11 +3,13 @@
 A contact is caused by one of the two, whichever of them is a member. The one that entered the other's lane less than
 LANE_CHANGE_BLAME before is the cause (`lane_entries`), whichever struck the other. If neither did, the one behind is
 the cause; and if neither is behind, abreast or head on, the one that has swung its rear into the other (`swings`).
-If neither has, the contact counts as caused by the member, with three exceptions. The other was not there
-APPEARANCE_BLAME before: SUMO has inserted it before a member that is about to leave the junction there. Or the other
-came from another direction, and struck a member that had stood for STOOD_BLAME on the lanes of its own edge: SUMO's
-drivers see vehicles on their own lane only, and drive through what stands where lanes of two directions overlap. Or
-lanes of two directions overlap so much there that two vehicles that keep to them touch (`overlapping_lanes`).
+If neither has, the contact counts as caused by the member, with these exceptions. The other was not there
+APPEARANCE_BLAME before: SUMO has inserted it before a member that is about to leave the junction there. Or the member
+was not there one step before: SUMO has inserted that beside the other. Or the other came from another direction, and
+struck a member that had stood for STOOD_BLAME on the lanes of its own edge: SUMO's drivers see vehicles on their own
+lane only, and drive through what stands where lanes of two directions overlap. Its pedestrians walk into what stands
+anywhere. Or lanes of two directions overlap so much there that two vehicles that keep to them touch
+(`overlapping_lanes`).
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from platoontraffic.observation.thresholds_kernel import comes_near
 from platoontraffic.road.network import Network
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import NEAR_MISS_GAP, STOOD_BLAME, WALL, Event
-from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.traffic import PERSON, TrafficSnapshot
 
 DETAILS = {
     "": "",
@@ -33,7 +35,7 @@ DETAILS = {
     "struck_other_from_behind": "struck it from behind",
     "beside": "side by side or head on",
     "swung_out": "swung its rear into the other, in a bend that no vehicle on wheels can drive so",
-    "stood": "the other came from another direction, and struck it where it stood on its own lanes",
+    "stood": "the other came from another direction, and struck it where it stood",
     "lanes_overlap": "each was in the middle of its lane, and the lanes of two directions overlap there",
     "other_swung_out": "the other swung its rear into it, in a bend that no vehicle on wheels can drive so",
 }
@@ -68,12 +70,14 @@ class Collisions:
             what = "beside" if _were_abreast(both) else _impact(traffic, i, other)
             if what == "beside" and not entry:
                 what = self._beside(both)
-                if what == "beside" and self._was_struck(vehicle, both, step.roads[i][0]):
+                if what == "beside" and self._was_struck(vehicle, other, both, step.roads[i][0]):
                     what = "stood"
                 elif what == "beside" and self._lanes_overlap(both):
                     what = "lanes_overlap"
             detail = DETAILS[what]
-            if not entry and self._entries.appeared(other):
+            if not entry and self._entries.is_new(vehicle):
+                what, detail = "appeared", "SUMO had just inserted it"
+            elif not entry and self._entries.appeared(other):
                 what, detail = "other_appeared", f"SUMO had just inserted {other}"
             if entry:
                 what = "changed_lanes" if entry.vehicle == vehicle else "other_changed_lanes"
@@ -81,10 +85,13 @@ class Collisions:
                 detail = f"{entry.vehicle} changed lanes into the path of the other {before}"
             yield step.event("collision", i, other, what=what, detail=detail)
 
-    def _was_struck(self, vehicle: str, both: Together, edge: str) -> bool:
+    def _was_struck(self, vehicle: str, other: str, both: Together, edge: str) -> bool:
         """Whether a vehicle, the first one, had stood on the lanes of its edge, and the other one struck it."""
-        if not (_came_from_elsewhere(both) and self._entries.has_stood(vehicle, STOOD_BLAME)):
+        is_person = other.startswith(PERSON)
+        if not ((is_person or _came_from_elsewhere(both)) and self._entries.has_stood(vehicle, STOOD_BLAME)):
             return False
+        if is_person:
+            return True
         course = Course.of(*both.poses[0], both.length[0], both.width[0])
         return self._network.is_on_lanes(edge, course.outline().moved(0.0, 0.0))
 

@@ -85,6 +85,10 @@ class LaneEntries:
         recent = (traffic for traffic in self._past if traffic.time > now.time - APPEARANCE_BLAME - 1e-6)
         return name in now.ids and any(name not in traffic.ids for traffic in recent)
 
+    def is_new(self, name: str) -> bool:
+        """Whether a vehicle that is there now was not there one step before."""
+        return len(self._past) > 1 and name not in self._past[-2].ids
+
     def has_stood(self, name: str, duration: float) -> bool:
         """Whether a vehicle has been there for a time [s], and no part of it has moved by more than STANDS since."""
         end = self._past[-1].time

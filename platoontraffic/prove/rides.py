@@ -19,8 +19,8 @@ from platoontraffic.results.metrics import CAUSED_BY_OTHER, CAUSED_BY_ROAD
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.network import CHANGING, Line, Network
-from platoontraffic.sumo.background import PERSON
 from platoontraffic.world.events import STANDSTILL_AFTER
+from platoontraffic.world.traffic import PERSON
 
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue

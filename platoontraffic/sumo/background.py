@@ -15,9 +15,8 @@ from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.frame import centre_of, heading_of
 from platoontraffic.sumo.reads import Once
 from platoontraffic.world.fleet import CLOSING, Fleet, Member
-from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.traffic import PERSON, TrafficSnapshot
 
-PERSON = "person."  # prefix of pedestrians' ids in snapshots: SUMO allows a person and a vehicle of one name
 RECHECK_AFTER = 0.5  # period after which distant vehicles are measured again [s]
 BRIDGE = 30.0  # distance from a crossing of two levels within which vehicles on the other road are left out [m]
 AT_BRIDGE = 150.0  # distance from it within which members count [m]

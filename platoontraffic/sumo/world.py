@@ -16,7 +16,7 @@ from platoontraffic.errors import RunError
 from platoontraffic.road.network import Network
 from platoontraffic.road.speed_profile import load as load_speed_profile
 from platoontraffic.road.way_round_kernel import load as load_way_round
-from platoontraffic.sumo.background import PERSON, Background
+from platoontraffic.sumo.background import Background
 from platoontraffic.sumo.client import Client, direct, libsumo
 from platoontraffic.sumo.conflicts import load as load_conflicts
 from platoontraffic.sumo.departures import in_the_way
@@ -39,7 +39,7 @@ from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
 from platoontraffic.world.passages import Passage
 from platoontraffic.world.recruits import Recruits
-from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.traffic import PERSON, TrafficSnapshot
 from platoontraffic.world.trips import Trip
 
 

@@ -14,6 +14,8 @@ from platoontraffic.lidar import Boxes
 from platoontraffic.vehicles.records import every
 from platoontraffic.world.events import WALL
 
+PERSON = "person."  # prefix of pedestrians' ids in snapshots: SUMO allows a person and a vehicle of one name
+
 
 @dataclass(frozen=True)
 class TrafficSnapshot:

@@ -54,6 +54,15 @@ def test_it_creeps_past_a_nose_in_its_strip_that_its_body_passes(aside):
     assert shapely.distance(footprints(log), nose(aside)).min() > 0.05
 
 
+@pytest.mark.parametrize(("width", "passes"), [(0.5, False), (0.6, False), (1.2, True)])
+def test_it_does_not_creep_past_what_may_be_a_person(width, passes):
+    """In a grid with crossings members crept up to persons that waited for them, and touched them as they set out."""
+    inner = CAR.width / 2 + 0.12
+    body = shapely.box(60.0, inner, 60.0 + 0.5, inner + width)
+    log = driven(body)
+    assert (log.x[-1, 0] > 80) == passes
+
+
 @pytest.mark.parametrize("aside", [-1.0, 0.0, CAR.width / 2 - 0.1, CAR.width / 2 + 0.02])
 def test_it_stays_where_its_body_would_not_pass(aside):
     log = driven(nose(aside))
@@ -66,9 +75,9 @@ def test_it_stops_when_what_it_creeps_past_moves():
     one = np.ones(1)
     sensed = SimpleNamespace(speed=1.0 * one, body=SimpleNamespace(length=CAR.length * one))
     state, no = creeping.Creeping(0 * one, CAR.length * one), np.zeros(1, dtype=bool)
-    assert state.after(sensed, 2.9 * one, 3.0 * one, no, 0 * one, 0.1).active.all()
-    assert not state.after(sensed, 2.4 * one, 3.0 * one, no, 0 * one, 0.1).active.any()
-    assert not state.after(sensed, 2.9 * one, 3.0 * one, ~no, 0 * one, 0.1).active.any()  # a line closes
+    assert state.after(sensed, (2.9 * one, 0 * one, 3.0 * one), no, 0 * one, 0.1).active.all()
+    assert not state.after(sensed, (2.4 * one, 0 * one, 3.0 * one), no, 0 * one, 0.1).active.any()
+    assert not state.after(sensed, (2.9 * one, 0 * one, 3.0 * one), ~no, 0 * one, 0.1).active.any()  # a line closes
 
 
 @pytest.mark.parametrize(("free", "speed", "sign"), [(0.0, 0.0, -1), (0.4, 0.0, -1), (0.4, 0.1, -1), (2.0, 0.0, 1)])
@@ -86,8 +95,9 @@ def test_one_that_could_not_pass_tries_again_every_second(monkeypatch):
     monkeypatch.setattr(creeping, "swept", lambda _, i, curvature: tried.append(round(state.stood[0], 1)) or 0.0)
     sensed = SimpleNamespace(speed=0 * one, body=SimpleNamespace(length=CAR.length * one))
     state, no = creeping.Creeping.none(1), np.zeros(1, dtype=bool)
+    monkeypatch.setattr(creeping, "is_narrow", lambda *_: False)
     for _ in range(135):
-        state = state.after(sensed, 1.0 * one, 1.0 * one, no, 0 * one, 0.1)
+        state = state.after(sensed, (1.0 * one, 0 * one, 1.0 * one), no, 0 * one, 0.1)
     assert tried == pytest.approx([creeping.AFTER + k for k in range(4)], abs=0.15)
 
 

@@ -7,8 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import shapely
 
 from platoontraffic.controllers import Law
+from platoontraffic.observation.lane_entries import LaneEntries
+from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support.bench import ROBOT, constant, platoon
 from tests.support.observed import CAR, LENGTH, ROAD, Observed, cars
 
@@ -223,6 +226,22 @@ def met_while_standing(stands: float, on_lanes: bool = True, creeps: float = 0.0
         if collision := [event.what for event in found if event.kind == "collision"]:
             return collision[0]
     return ""
+
+
+def test_a_member_that_stands_anywhere_is_not_the_cause_where_a_pedestrian_walks_into_it(monkeypatch):
+    """On a crossing, inside a junction, SUMO's pedestrians walk through what stands."""
+    monkeypatch.setattr("platoontraffic.observation.collisions.PERSON", "other.")
+    assert met_while_standing(2.1, on_lanes=False) == "stood"
+    assert met_while_standing(1.9, on_lanes=False) == "beside"
+
+
+def test_a_member_that_has_just_been_inserted_beside_another_vehicle_is_not_the_cause():
+    entries, there = LaneEntries(shapely.box(0, 0, 1, 1)), [np.zeros(2)] * 6
+    entries.observe(TrafficSnapshot(0.0, ("b",), *(values[:1] for values in there)))
+    assert not entries.is_new("b")
+    entries.observe(TrafficSnapshot(0.1, ("a", "b"), *there))
+    assert entries.is_new("a")
+    assert not entries.is_new("b")
 
 
 def test_a_member_that_stands_on_its_lanes_is_not_the_cause_where_one_from_another_direction_strikes_it():

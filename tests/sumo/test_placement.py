@@ -44,6 +44,10 @@ LINE = Line(50.0, "M", "", 0, "road_0", "next_0", (":a_0_0", ":a_9_0"), 20.0)
 ROUTE = Route.along(("road", "next"), np.array([[0.0, 0.0], [200.0, 0.0]]), np.full(2, 10.0), [LINE])
 
 
+def link(onto: str, via: str) -> tuple:
+    return onto, True, True, False, via, "M", "s", 10.0
+
+
 def network_of(edges):
     """What `Placement` asks a network, of edges with the lengths of their lanes."""
     return SimpleNamespace(left_hand=False, edges=edges, overlaps_another=lambda _: False)
@@ -90,10 +94,14 @@ def test_a_member_on_its_path_inside_a_junction_is_kept_on_it(lanes, bound, boun
         vehicle=SimpleNamespace(
             getLaneID=lambda _: here.lane, getRoadID=lambda _: here.lane.rpartition("_")[0],
             moveToXY=lambda *given: moved.append(given[-2:]), getLateralLanePosition=lambda _: aside,
+            getVehicleClass=lambda _: "passenger",
         ),
-        lane=SimpleNamespace(getLength=lambda lane: 3.0 if lane == "short_0" else 20.0),
+        lane=SimpleNamespace(
+            getLength=lambda lane: 3.0 if lane == "short_0" else 20.0, getLinks=lambda _: [link("next_0", ":a_0_0")],
+            getAllowed=lambda _: (), getDisallowed=lambda _: (),
+        ),
     )  # fmt: skip
-    placement = Placement(client, network_of({}), 0.1)
+    placement = Placement(client, network_of({"road": (3.2,)}), 0.1)
     placement._shadows = SimpleNamespace(observe=lambda *_: None, cast=lambda _: None)
     (member,) = platoon(PathLeader(), model=CAR)
     fleet = Fleet.deployed([replace(member, route=ROUTE if has_route else None)], 0.1)
@@ -104,6 +112,25 @@ def test_a_member_on_its_path_inside_a_junction_is_kept_on_it(lanes, bound, boun
         bound if has_route and abs(aside) < 1.0 else bound_without_route
     )
     assert {*moved} <= {ON_ITS_ROUTE, EXACTLY}
+
+
+@pytest.mark.parametrize(("kind", "edge"), [("passenger", ":a_6"), ("taxi", ":a_4"), ("truck", "")])
+def test_on_a_route_sumo_looks_for_a_vehicle_on_the_path_of_the_first_lane_that_leads_there(kind, edge):
+    """Beside a bus lane a taxi was moved back to its line in every other step, until SUMO died of it."""
+    links = {
+        "road_0": [link("turn_0", ":a_5_0"), link("next_0", ":a_4_0")],
+        "road_1": [link("next_1", ":a_6_0")],
+        "road_2": [link("next_2", ":a_6_1")],
+    }
+    client = SimpleNamespace(
+        vehicle=None,
+        lane=SimpleNamespace(
+            getLinks=links.__getitem__, getAllowed=lambda lane: ("bus", "taxi") if lane == ":a_4_0" else (),
+            getDisallowed=lambda lane: ("truck",),
+        ),
+    )  # fmt: skip
+    placement = Placement(client, network_of({"road": (3.2,) * 3}), 0.1)
+    assert placement._edge_inside["road", "next", kind] == edge
 
 
 def test_a_member_held_a_little_over_its_line_is_before_it_for_sumo():
