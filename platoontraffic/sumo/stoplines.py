@@ -34,6 +34,7 @@ from platoontraffic.sumo.far_lines import FarLines, LineState
 from platoontraffic.sumo.lane_choice import LaneChoice
 from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
+from platoontraffic.sumo.placement import BEFORE_END
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
 from platoontraffic.sumo.room_to_change import FREE_AHEAD, QUEUE_SPEED, Here, RoomToChange, Wanted
@@ -79,7 +80,7 @@ class StopLines:
         self._rows = self._rows_in_progress = np.empty(0, dtype=np.intp)  # of those, in the fleet and in `progress`
         self._slow = np.empty(0)  # speed of those below which they may be in a queue [m/s]
         self._far = FarLines(())  # of those
-        # Members that stand with their front a little over a closed line, and how far over it [m].
+        # Members that stand with their front a little over a closed line, or on it, and how far over it [m].
         self.over_line: dict[str, float] = {}
         self._were_over_line: frozenset[str] = frozenset()  # at the last look
         self._later = LaterChanges(network, sumo, self._change)
@@ -402,6 +403,8 @@ class StopLines:
         state, conflicts = self._link_state(line), self._conflicts[line]
         minor, yellow = self._gives_way(line, state), state in YELLOW
         if state in RED + YELLOW:
+            if distance < BEFORE_END and ego.speed < STANDING:  # SUMO may have inserted it with its front on the line
+                self.over_line[ego.id] = -distance
             return LineState(distance, False, minor, yellow, LIGHT)
         if minor and distance > LOOK * ego.length:
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)

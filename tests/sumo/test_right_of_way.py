@@ -1333,6 +1333,19 @@ def test_a_member_that_stands_over_a_line_that_closed_is_before_it_for_sumo(monk
     assert lines.over_line == ({"m.0": 0.2} if speed == 0 else {})
 
 
+@pytest.mark.parametrize(
+    ("speed", "distance", "is_held"), [(0.0, 0.0, True), (0.0, 0.09, True), (0.0, 0.5, False), (1.0, 0.05, False)]
+)
+def test_a_member_that_stands_on_a_line_at_red_is_before_it_for_sumo(monkeypatch, speed, distance, is_held):
+    """On edges of 4 m SUMO inserts cars with their fronts on the line: they had run a red light, and were inside."""
+    line = Line(0.0, "r", "light", 0, "road_0", "next_0", (":a_0",), 20.0)
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
+    monkeypatch.setattr(lines, "_link_state", lambda _: "r")
+    assert not lines._at_line(line, distance, True, Ego("m.0", "road_0", speed, CAR.length)).open
+    assert lines.over_line == ({"m.0": -distance} if is_held else {})
+
+
 @pytest.mark.parametrize(("lane", "heeds"), [("road_0", True), (":a_0", True), ("next_0", False)])
 @pytest.mark.parametrize("way", [True, False])
 def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_has_it(monkeypatch, lane, heeds, way):
