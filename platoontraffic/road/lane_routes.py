@@ -32,6 +32,8 @@ TO_KERB = 1.1  # ... and where no other lane is beyond that: the laws keep 0.22 
 AS_ONE = 1.2  # distance up to which lanes meet, and do not lead side by side [m]
 EASED = 4.0  # distance from its ends up to which a lane is moved less [m]
 SAMPLED = 2.0  # spacing of the places at which lanes are compared [m]
+NO_STEP = 1.0  # length of a piece of line without a direction that counts [m]
+ALIKE = 0.2  # links that bend by about as much are equal [rad]
 EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change, and that is left for it at least
 
 
@@ -68,6 +70,7 @@ class _Crossed(NamedTuple):
     lanes: int  # that are crossed
     lacks: float  # room that is missing, of all changes [m]
     late: int  # lanes, each times the number of the edge on which it is left
+    bends: int  # by how much the links bend [ALIKE]
 
 
 def links_between(here: Any, there: Any) -> list[Any]:
@@ -94,12 +97,24 @@ def inside(link: Any, net: Any) -> list[Any]:
     return lanes
 
 
+def _bends(link: Any) -> int:
+    """By how much a link bends, to either side, from the end of its lane straight to the begin of the next [ALIKE]."""
+    (ahead, end), (begin, beyond) = link.getFromLane().getShape()[-2:], link.getToLane().getShape()[:2]
+    steps = [(ahead, end), (end, begin), (begin, beyond)]
+    headings = [
+        math.atan2(y - its_y, x - its_x) for (its_x, its_y), (x, y) in steps if math.dist((its_x, its_y), (x, y)) > 1
+    ]
+    turns = (abs(math.remainder(after - before, 2 * math.pi)) for before, after in pairwise(headings))
+    return round(sum(turns) / ALIKE)
+
+
 def least_changes(
     road: Sequence[Any], lane: int, last: int | None, position: float = 0.0, change: Change | None = None
 ) -> list[Any]:
     """The links from each edge to the next that cross the fewest lanes.
 
-    Of equal ones, those that change where there is most room, up to `ENOUGH_ROOM`; of these, those that change first.
+    Of equal ones, those that change where there is most room, up to `ENOUGH_ROOM`; of these, those that change first;
+    of these, those that bend least: where lanes begin, a link to each leads from one lane, and some of them swerve.
 
     lane, last : index of the first lane, and of the last one if it can be reached; None: any
     position   : before which lanes are not changed [m], on the first edge, or on that of the change
@@ -107,7 +122,7 @@ def least_changes(
     raises     : InputError where there is none
     """
     on = change.edge if change else 0
-    best: dict[int, tuple[_Crossed, list[Any]]] = {lane: (_Crossed(0, 0.0, 0), [])}  # by index of the lane reached
+    best: dict[int, tuple[_Crossed, list[Any]]] = {lane: (_Crossed(0, 0.0, 0, 0), [])}  # by index of the lane reached
     for i, (here, there) in enumerate(pairwise(road)):
         lacks = max(ENOUGH_ROOM - here.getLength() + (position if i == on else 0.0), 0.0)
         onward: dict[int, tuple[_Crossed, list[Any]]] = {}
@@ -117,7 +132,10 @@ def least_changes(
                 if change and i == change.edge and (now, leaves) != (change.lane, change.onto):
                     continue
                 lanes = abs(leaves - now)
-                cost = _Crossed(crossed.lanes + lanes, crossed.lacks + lacks * lanes, crossed.late + i * lanes)
+                cost = _Crossed(
+                    crossed.lanes + lanes, crossed.lacks + lacks * lanes, crossed.late + i * lanes,
+                    crossed.bends + _bends(link),
+                )  # fmt: skip
                 if to not in onward or cost < onward[to][0]:
                     onward[to] = cost, [*links, link]
         if not onward:
