@@ -584,9 +584,20 @@ def _beside(points: np.ndarray, road: shapely.LineString) -> tuple[np.ndarray, n
 
 def main_platoon(trajectories: pd.DataFrame) -> str:
     """The platoon with the most members, the first of them in the table."""
+    return members_of_platoons(trajectories).idxmax()
+
+
+def members_of_platoons(trajectories: pd.DataFrame) -> pd.Series:
+    """Number of members of each platoon, by its id, in the order of the table.
+
+    Vehicles of a share that are in no platoon, which have one id and are all at place 0, count where there is no other.
+    """
     if trajectories.empty:
         raise ResultsError("the trajectories have no rows: no member was ever on the road")
-    return trajectories.groupby("platoon_id", sort=False).vehicle_id.nunique().idxmax()
+    platoons = trajectories.groupby("platoon_id", sort=False)
+    members, last = platoons.vehicle_id.nunique(), platoons.place.max()
+    real = members[(members == 1) | (last > 0)]
+    return real if len(real) and (last > 0).any() else members
 
 
 def extent(scene: Scene) -> tuple[float, float]:
@@ -633,8 +644,9 @@ def _colour(place: int) -> str:
 def line_style(place: int, rows: pd.DataFrame) -> dict[str, object]:
     """Style of a member's line: colour, and a marker that shows without it, at other instants than its neighbours'."""
     every = max(1, len(rows) // MARKED)
+    marker = MARKERS[(place + place // len(COLOURS)) % len(MARKERS)]  # where colours come again, with other markers
     return {
-        "color": _colour(place), "linewidth": 1, "marker": MARKERS[place % len(MARKERS)], "markersize": 4.5,
+        "color": _colour(place), "linewidth": 1, "marker": marker, "markersize": 4.5,
         "markerfacecolor": "white", "markeredgewidth": 0.9, "markevery": (place * every // 5 % every, every),
     }  # fmt: skip
 

@@ -11,6 +11,7 @@ BROKEN = {
     "collision": "touched {other}",
     "stranded": "was stranded behind {other}",
     "never_departed": "never departed",
+    "stuck": "was stuck",
 }
 WRONG = {
     "lock_lost": "lost its lock on its predecessor",
@@ -32,6 +33,8 @@ def headline(events: pd.DataFrame, metrics: pd.DataFrame) -> str:
     found = [_counted(number["collision"], "contact", "contacts"), _counted(number["split"], "split", "splits")]
     if left := number["stranded"] + number["never_departed"]:
         found.append(_counted(left, "member left out", "members left out"))
+    if number["stuck"]:
+        found.append(_counted(number["stuck"], "member stuck", "members stuck"))
     least = metrics.loc[(metrics.scope == "run") & (metrics.metric == "gap_min"), "value"].dropna()
     found += [f"smallest gap {gap:.2f} m" for gap in least]
     held = not any(number.values())

@@ -139,7 +139,7 @@ def run(
         print_json({"folder": str(folder), "members": len(prepared.members), "done": (folder / "DONE").is_file()})
         return
     if dry_run:
-        more = ["those of the traffic's share"] if prepared.scenario.spec.equip else []
+        more = ["members of the traffic's share"] if prepared.scenario.spec.equip else []
         who = " and ".join(([counted(len(prepared.members), "member")] if prepared.members else []) + more)
         out.print(f"{checked.source}: fine, {who}; would write {folder}", soft_wrap=True)
         return
@@ -218,7 +218,7 @@ def batch(
     loaded = studies.load(study, changes or (), _before_code(no_plugins, None if dry_run else results))
     folder, slots = results / loaded.name, slots or os.cpu_count() or 1
     if dry_run:
-        print_runs(loaded, folder, 1 if executor == "serial" else slots, executor, json)
+        print_runs(loaded, folder, 1 if executor == "serial" else slots, executor, json, part, retry_failed)
         return
     limits = batches.Limits(timeout, memory)
     if not quiet and not json and (equal := equal_runs(loaded)):
@@ -513,18 +513,22 @@ def replay(
             "--video", metavar="FILE", help="a .gif, .mp4 or .webm, or a folder of frames, in place of a page"
         ),
     ] = None,
-    speed: Annotated[float, typer.Option("--speed", help="with --video: seconds of the run in one of the video")] = 4.0,
+    speed: Annotated[
+        float | None, typer.Option("--speed", help="with --video: seconds of the run in one of the video; default: 4")
+    ] = None,
 ) -> None:
     """Make one HTML page that plays a run in any browser, without a network; or a video."""
     from platoontraffic.replay import page, page_of_two
 
     if video and (to or vehicle or beside):
         raise InputError("--video: cannot be with --to, --vehicle or --beside, which are for pages")
+    if speed is not None and not video:
+        raise InputError("--speed: is only for a video; give --video as well")
     with result_faults():
         if video:
             from platoontraffic.replay.video import video as written
 
-            print(written(run_folder, video, speed))
+            print(written(run_folder, video, 4.0 if speed is None else speed))
         elif beside:
             print(page_of_two(run_folder, beside, to or run_folder / "replay-beside.html", vehicle))
         else:
@@ -552,7 +556,7 @@ def report(
 
     folder = folders[0]
     is_batch = (folder / "study.toml").is_file()
-    if metric is not None and not (is_batch and len(folders) == 1):
+    if metric is not None and not (is_batch and len(folders) == 1) and all(one.is_dir() for one in folders):
         raise InputError("--metric: is only for batches; the report of a run has all metrics")
     with result_faults():
         if len(folders) > 1:

@@ -173,13 +173,17 @@ def _trips(results: Results) -> Table:
 
     table = Table(box=None, header_style="bold", pad_edge=False)
     table.add_column("trips of the traffic")
-    for heading in ("arrived", "on the road", "mean delay in s", "before departure in s"):
+    metrics = results.metrics
+    counted = {"arrived": "trips_finished", "on the road": "trips_running", "removed": "trips_removed"}
+    if not metrics.value[metrics.metric == "trips_removed"].any():
+        del counted["removed"]
+    for heading in (*counted, "mean delay in s", "before departure in s"):
         table.add_column(heading, justify="right", no_wrap=True)
     for scope, name in (("equipped", "members"), ("traffic", "others"), ("everybody", "all")):
-        values = results.metrics[results.metrics.scope == scope].set_index("metric").value
-        arrived, running = values["trips_finished"], values["trips_running"]
+        values = metrics[metrics.scope == scope].set_index("metric").value
         delays = (values[m] for m in ("delay_mean_finished", "depart_delay_mean_finished"))
-        table.add_row(name, f"{arrived:g}", f"{running:g}", *(f"{d:.1f}" if d == d else "" for d in delays))
+        numbers = (f"{values[m]:g}" for m in counted.values())
+        table.add_row(name, *numbers, *(f"{d:.1f}" if d == d else "" for d in delays))
     return table
 
 
@@ -194,17 +198,21 @@ def summary(folder: Path) -> dict[str, str | float | None]:
     return table.where(table.notna(), None).to_dict("records")[0]
 
 
-def print_runs(study: Study, folder: Path, slots: int, executor: str, as_json: bool) -> None:
-    """The runs of a study, and an estimate of how long the missing ones take with `slots` at a time."""
+def print_runs(
+    study: Study, folder: Path, slots: int, executor: str, as_json: bool, part: tuple[int, int], retry_failed: bool
+) -> None:
+    """The runs of a part of a study, and an estimate of how long those that it runs take with `slots` at a time."""
     from platoontraffic.study import batch
 
-    states = [batch.state(folder, run.id) for run in study.runs]
-    waiting = [run for run, state in zip(study.runs, states, strict=True) if state == batch.WAITING]
+    mine = batch.part_of(study, batch.Shard(*part))
+    states = [batch.state(folder, run.id) for run in mine]
+    wanted = batch.wanted(retry_failed)
+    waiting = [run for run, state in zip(mine, states, strict=True) if state in wanted]
     simulated = batch.without_equals(study, folder, waiting)
     seconds, estimated_by = batch.estimate(study, folder, simulated)
     shares = batch.shared_warm_ups(simulated, executor)
     columns = ("id", "status", "seed", *study.keys)
-    rows = [(run.id, state, run.seed, *run.values.values()) for run, state in zip(study.runs, states, strict=True)]
+    rows = [(run.id, state, run.seed, *run.values.values()) for run, state in zip(mine, states, strict=True)]
     if as_json:
         runs = [dict(zip(columns, row, strict=True)) for row in rows]
         print_json({"folder": str(folder), "runs": runs, "estimate_s": round(seconds / slots, 1)})

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from platoontraffic.analysis import crowd
-from platoontraffic.analysis.figures import main_platoon
+from platoontraffic.analysis.figures import main_platoon, members_of_platoons
 from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import write
@@ -122,7 +122,7 @@ def _pictures(results: Results, to: Path) -> Iterable[str]:
 def _which(results: Results) -> str:
     """The platoon that pictures show, as words for captions; "" if there is only one."""
     table = results.trajectories
-    n = table.platoon_id.nunique()
+    n = len(members_of_platoons(table))
     return f"; shows {main_platoon(table)}, the largest of {n} platoons" if n > 1 else ""
 
 

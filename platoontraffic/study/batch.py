@@ -121,13 +121,11 @@ def run(
         if watcher and silence.id in laws:
             watcher.silent(silence, laws[silence.id])
 
-    block = study.block(*(shard or Shard(1, 1)))
-    chosen = {run.id for run in study.shuffled()[block.start : block.stop]}
-    mine = [run for run in study.runs if run.id in chosen]
+    block, mine = study.block(*(shard or Shard())), part_of(study, shard or Shard())
+    chosen = {run.id for run in mine}
     with _one_line(folder), claimed(study, folder, block) as lock:
         before = {run.id: state(folder, run.id) for run in mine}
-        wanted = (WAITING, FAILED) if retry_failed else (WAITING,)
-        to_do = [run for run in mine if before[run.id] in wanted]
+        to_do = [run for run in mine if before[run.id] in wanted(retry_failed)]
         counts = Counter(before.values())
         if retry_failed:
             del counts[FAILED]
@@ -155,6 +153,18 @@ def run(
                 write()
         failures = {run.id: failure(folder, run.id)["error"] for run in mine if state(folder, run.id) == FAILED}
     return Report(Progress(len(mine), earlier, counts[DONE], len(failures), ended), failures)
+
+
+def part_of(study: Study, shard: Shard) -> list[Run]:
+    """The runs of a shard, in the order of the study."""
+    block = study.block(*shard)
+    chosen = {run.id for run in study.shuffled()[block.start : block.stop]}
+    return [run for run in study.runs if run.id in chosen]
+
+
+def wanted(retry_failed: bool) -> tuple[str, ...]:
+    """States of the runs that a batch runs."""
+    return (WAITING, FAILED) if retry_failed else (WAITING,)
 
 
 def estimate(study: Study, folder: Path, runs: Sequence[Run]) -> tuple[float, str]:

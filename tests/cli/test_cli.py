@@ -55,7 +55,7 @@ def test_a_dry_run_starts_nothing(tmp_path):
     done = call("run", "paper_loop", "--dry-run", "--out", tmp_path)
     assert (done.exit_code, list(tmp_path.iterdir())) == (0, [])
     assert "fine, 5 members" in done.stdout
-    assert "fine, those of the traffic's share; would" in call("run", "penetration", "--dry-run").stdout
+    assert "fine, members of the traffic's share; would" in call("run", "penetration", "--dry-run").stdout
 
 
 @pytest.mark.parametrize(
