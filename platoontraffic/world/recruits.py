@@ -166,7 +166,7 @@ class Recruits:
 def _fits(equip: Equip, kind: str, vehicle_class: str, edge: str, time: float) -> bool:
     return (
         (not equip.types or kind in equip.types)
-        and (not equip.classes or vehicle_class in equip.classes)
+        and vehicle_class in (equip.classes or VEHICLE_OF)
         and (not equip.edges or edge in equip.edges)
         and equip.begin_s <= time
         and (equip.end_s is None or time < equip.end_s)
@@ -175,8 +175,6 @@ def _fits(equip: Equip, kind: str, vehicle_class: str, edge: str, time: float) -
 
 def _model(vehicle: Newcomer) -> tuple[Car | None, str]:
     """How the vehicle drives, with its own size; or None, and why not."""
-    if vehicle.vehicle_class not in VEHICLE_OF:
-        return None, f"class {vehicle.vehicle_class}"
     like = CARS[VEHICLE_OF[vehicle.vehicle_class]]
     size = vehicle.length / like.length
     if not SMALLEST <= size <= LARGEST:

@@ -17,6 +17,7 @@ from platoontraffic.analysis import (
     ResultsError,
     amplification,
     estimates,
+    figures,
     growth,
     heat_map,
     label,
@@ -332,3 +333,18 @@ picture(sys.argv[1], to / "picture.png")
     numbers = {"binomial_limits", "detectable", "holm", "interval", "poisson_limits", "runs_needed"}
     tables = {"amplification", "headline", "label", "load", "paired", "peak", "summarise"}
     assert made == {name for name in analysis.__all__ if name.islower()} - tables - numbers
+
+
+def test_members_in_no_platoon_are_not_the_main_one_where_there_are_platoons():
+    """Five single cars of a share had its pictures, and its platoons of two none."""
+    single = [("equip", f"c.{k}", 0) for k in range(5)]
+    platoons = [(f"equip.{k}", f"p{k}.{i}", i) for k in range(2) for i in range(2)]
+    table = pd.DataFrame([*single, *platoons], columns=["platoon_id", "vehicle_id", "place"])
+    assert figures.main_platoon(table) == "equip.0"
+    assert len(figures.members_of_platoons(table)) == 2
+    assert figures.main_platoon(table[table.platoon_id == "equip"]) == "equip"
+
+
+def test_members_of_a_large_platoon_look_different():
+    looks = [figures.line_style(place, pd.DataFrame(index=range(9))) for place in range(20)]
+    assert len({(look["color"], look["marker"]) for look in looks}) == 20

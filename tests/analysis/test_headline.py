@@ -42,3 +42,9 @@ def test_what_an_order_brings_about_is_no_fault():
     assert said(LOCKED, *rows, (80.0, "lock_regained", "p.2", "p.0"), (90.0, "split", "p.2", "p.0")).startswith(
         "Did not hold: no contacts, 1 split, smallest gap 3.00 m; what went wrong first, at 90.00 s"
     )
+
+
+def test_a_run_in_which_members_were_stuck_did_not_hold():
+    stuck = [(40.0 + k, "stuck", f"p.{k}") for k in range(2)]
+    assert said(LOCKED, *stuck).startswith("Did not hold: no contacts, no splits, 2 members stuck")
+    assert "at 40.00 s: p.0 was stuck" in said(LOCKED, *stuck)

@@ -174,6 +174,11 @@ def test_a_run_has_no_metric_to_choose(tmp_path):
     assert (done.exit_code, done.stderr) == (2, "--metric: is only for batches; the report of a run has all metrics\n")
 
 
+def test_a_folder_that_is_not_there_is_named_before_its_metric():
+    done = CliRunner().invoke(app, ["report", "nosuch", "--metric", "gap_mean_m"])
+    assert (done.exit_code, done.stderr) == (2, "nosuch: no such folder\n")
+
+
 def test_a_batch_without_its_tables_is_one_line(batch):
     (batch / "runs.csv").unlink()
     done = CliRunner().invoke(app, ["report", str(batch)])

@@ -276,6 +276,17 @@ def test_a_batch_stops_when_an_input_file_changes(tiny, tmp_path, monkeypatch):
     assert not list((tmp_path / "out").glob("*/failure.json"))
 
 
+def test_a_dry_run_of_a_part_lists_the_runs_of_that_part(tiny, tmp_path):
+    dry = [
+        json.loads(invoked(tiny(), "--dry-run", "--json", "--out", tmp_path, *shard).stdout)
+        for shard in ((), ("--shard", "1/2"), ("--shard", "2/2"))
+    ]
+    whole, *parts = ({run["id"] for run in one["runs"]} for one in dry)
+    assert all(parts)
+    assert parts[0] | parts[1] == whole
+    assert not parts[0] & parts[1]
+
+
 def test_a_dry_run_writes_nothing_and_counts_finished_runs(tiny, tmp_path):
     dry = invoked(tiny(), "--dry-run", "--json", "--out", tmp_path / "out")
     assert [run["status"] for run in json.loads(dry.stdout)["runs"]] == ["waiting"] * 4
