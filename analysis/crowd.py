@@ -22,9 +22,10 @@ COLOUR = figures.COLOURS[1]
 
 
 def is_crowd(trajectories: pd.DataFrame) -> bool:
-    """Whether the largest platoon has more members than can be told apart."""
-    main = trajectories.platoon_id == figures.main_platoon(trajectories)
-    return trajectories.vehicle_id[main].nunique() > MOST
+    """Whether the largest platoon, or what is in none, has more members than can be told apart."""
+    if trajectories.empty:
+        raise ResultsError("the trajectories have no rows: no member was ever on the road")
+    return trajectories.groupby("platoon_id").vehicle_id.nunique().max() > MOST
 
 
 def over_time(trajectories: pd.DataFrame, column: str, axes: Axes) -> Axes:

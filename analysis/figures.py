@@ -136,7 +136,8 @@ def offsets(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) 
     if not any(rows.cross_track_m.notna().any() for *_, rows in members):
         raise ResultsError("'cross_track_m': has no values")
     for place, vehicle, rows in members[1:]:
-        axes.plot(_driven(rows, start), rows.cross_track_m, **line_style(place, rows), label=vehicle)
+        named = _named(vehicle, rows.cross_track_m)
+        axes.plot(_driven(rows, start), rows.cross_track_m, **line_style(place, rows), **named)
     axes.axhline(0, color=WALL, linewidth=0.6)
     axes.set_xlabel("distance driven from the leader's start [m]")
     axes.set_ylabel("offset from the path of\nthe predecessor, left > 0 [m]")
@@ -202,7 +203,8 @@ def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) ->
         index = pd.to_numeric(lane.str.rpartition("_")[2], errors="coerce").where(~lane.str.startswith(":"))
         most = max(most, 0 if index.isna().all() else index.max())
         beside = 0.5 * (place / max(len(members) - 1, 1) - 0.5)  # members on one lane lie beside each other
-        axes.plot(rows.time_s, index - beside, **line_style(place, rows) | {"linewidth": 1.6}, label=vehicle)
+        style = line_style(place, rows) | {"linewidth": 1.6}
+        axes.plot(rows.time_s, index - beside, **style, **_named(vehicle, index))
     axes.set_yticks(range(int(most) + 1))
     axes.set_ylim(-0.6, most + 0.6)
     axes.set_xlabel(label(trajectories, "time_s"))
@@ -305,7 +307,8 @@ def time_space(
         if place is None:
             axes.plot(rows.time_s, station, color=OTHERS, linewidth=0.5, alpha=0.7, zorder=1)
         else:
-            axes.plot(rows.time_s, station, **line_style(place, rows) | {"linewidth": 1.2}, label=vehicle, zorder=2)
+            style = line_style(place, rows) | {"linewidth": 1.2, "zorder": 2}
+            axes.plot(rows.time_s, station, **style, **_named(vehicle, station))
     if events is not None:
         _mark_stations(events, axes, drawn)
     axes.set_xlabel(label(table, "time_s"))
@@ -546,7 +549,9 @@ def unrolled(trajectories: pd.DataFrame, axes: Axes, scene: Scene, platoon: str 
         station[np.abs(np.diff(station, prepend=station[:1])) > 20.0] = np.nan
         axes.plot(station, np.where(np.abs(left) < 2 * BESIDE, left, np.nan), **style, zorder=1)
     for place, vehicle, rows in members:
-        axes.plot(*_beside(rows[["x_m", "y_m"]].to_numpy(), road), **line_style(place, rows), label=vehicle, zorder=2)
+        station, left = _beside(rows[["x_m", "y_m"]].to_numpy(), road)
+        seen = np.where(np.abs(left) <= 2 * BESIDE, left, np.nan)
+        axes.plot(station, left, **line_style(place, rows), **_named(vehicle, seen), zorder=2)
     axes.set_ylim(-2 * BESIDE, 2 * BESIDE)
     axes.set_xlabel("distance along the path of the leader [m]")
     axes.set_ylabel("to the left of that path [m]")
@@ -582,22 +587,18 @@ def _beside(points: np.ndarray, road: shapely.LineString) -> tuple[np.ndarray, n
     return np.where(outside, np.nan, station), np.where(outside, np.nan, left)
 
 
+def with_followers(trajectories: pd.DataFrame) -> list[str]:
+    """The platoons that have followers; [] if none has. Members in no platoon all have place 0."""
+    return list(trajectories.platoon_id[trajectories.place > 0].unique())
+
+
 def main_platoon(trajectories: pd.DataFrame) -> str:
-    """The platoon with the most members, the first of them in the table."""
-    return members_of_platoons(trajectories).idxmax()
-
-
-def members_of_platoons(trajectories: pd.DataFrame) -> pd.Series:
-    """Number of members of each platoon, by its id, in the order of the table.
-
-    Vehicles of a share that are in no platoon, which have one id and are all at place 0, count where there is no other.
-    """
+    """The platoon with the most members, the first of them in the table; one without followers only if none has."""
     if trajectories.empty:
         raise ResultsError("the trajectories have no rows: no member was ever on the road")
-    platoons = trajectories.groupby("platoon_id", sort=False)
-    members, last = platoons.vehicle_id.nunique(), platoons.place.max()
-    real = members[(members == 1) | (last > 0)]
-    return real if len(real) and (last > 0).any() else members
+    if platoons := with_followers(trajectories):
+        trajectories = trajectories[trajectories.platoon_id.isin(platoons)]
+    return trajectories.groupby("platoon_id", sort=False).vehicle_id.nunique().idxmax()
 
 
 def extent(scene: Scene) -> tuple[float, float]:
@@ -642,13 +643,20 @@ def _colour(place: int) -> str:
 
 
 def line_style(place: int, rows: pd.DataFrame) -> dict[str, object]:
-    """Style of a member's line: colour, and a marker that shows without it, at other instants than its neighbours'."""
-    every = max(1, len(rows) // MARKED)
-    marker = MARKERS[(place + place // len(COLOURS)) % len(MARKERS)]  # where colours come again, with other markers
+    """Style of a member's line: colour, and a marker that shows without it, at other instants than its neighbours'.
+
+    Where the colours begin anew, each comes with the next marker: 64 members differ.
+    """
+    every, marker = max(1, len(rows) // MARKED), (place + place // len(COLOURS)) % len(MARKERS)
     return {
-        "color": _colour(place), "linewidth": 1, "marker": marker, "markersize": 4.5,
+        "color": _colour(place), "linewidth": 1, "marker": MARKERS[marker], "markersize": 4.5,
         "markerfacecolor": "white", "markeredgewidth": 0.9, "markevery": (place * every // 5 % every, every),
     }  # fmt: skip
+
+
+def _named(vehicle: str, values: Sequence[float]) -> dict[str, str]:
+    """The label of a member's line; none for a line without a value, which a legend does not list."""
+    return {"label": vehicle} if np.isfinite(values).any() else {}
 
 
 def _short(value: object) -> str:

@@ -148,7 +148,8 @@ def strips_figure(results: Results) -> Figure:
 
 def _sheet(results: Results) -> Figure:
     """The road, and where there are followers, their gaps and lock losses."""
-    follows = bool(results.trajectories.gap_m.notna().any())
+    table = results.trajectories
+    follows = bool(table.gap_m[table.platoon_id == figures.main_platoon(table)].notna().any())
     across, up = figures.extent(results.scene)
     wide = across > 2.5 * up
     made = _figure(*((11, 6) if wide else (11, 5)) if follows else (6.5, 5))

@@ -321,7 +321,8 @@ def _segments(scans: Scans) -> list[tuple[np.ndarray, np.ndarray]]:
 
 def _first_to_look_at(members: pd.DataFrame) -> str:
     """The first follower of the largest platoon, or the leader if that has no follower."""
-    largest = members.groupby("platoon_id", sort=False).size().idxmax()
+    followers = members[members.place > 0]  # those in no platoon have place 0
+    largest = (members if followers.empty else followers).groupby("platoon_id", sort=False).size().idxmax()
     platoon = members[members.platoon_id == largest]
     return platoon.vehicle_id.iloc[min(1, len(platoon) - 1)]
 

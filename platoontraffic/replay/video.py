@@ -89,7 +89,7 @@ def _drawing(results: Results) -> tuple[Figure, Callable[[float], None]]:
     longest = max(sizes(v)[0] for v in main.vehicle_id.unique())
     if many:  # they are everywhere
         crowd.over_time(table, column, below)
-        _look_at(road, main, longest)
+        _look_at(road, table, longest)
         sizes = _enlarged(sizes, max(1.0, SEEN * np.ptp(road.get_xlim()) / longest))
     else:
         figures.over_time(table, column, below)

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from platoontraffic.analysis import crowd
-from platoontraffic.analysis.figures import main_platoon, members_of_platoons
+from platoontraffic.analysis.figures import main_platoon, with_followers
 from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import write
@@ -112,7 +112,7 @@ def _pictures(results: Results, to: Path) -> Iterable[str]:
     captions = CAPTIONS_OF_CROWDS if many else CAPTIONS
     drawn = pictures.there(results, captions)
     which = "" if many else _which(results)
-    yield figure_files(drawn.pop("map"), to, "road", f"{captions['map']}{which and '; the other platoons in grey'}")
+    yield figure_files(drawn.pop("map"), to, "road", f"{captions['map']}{which and '; the other members in grey'}")
     if not many:
         yield figure_files(pictures.strips_figure(results), to, "strips", pictures.strips_caption(results) + which)
     for name, figure in drawn.items():
@@ -122,8 +122,14 @@ def _pictures(results: Results, to: Path) -> Iterable[str]:
 def _which(results: Results) -> str:
     """The platoon that pictures show, as words for captions; "" if there is only one."""
     table = results.trajectories
-    n = len(members_of_platoons(table))
-    return f"; shows {main_platoon(table)}, the largest of {n} platoons" if n > 1 else ""
+    every, platoons = table.platoon_id.nunique(), len(with_followers(table))
+    if every == 1:
+        return ""
+    if platoons in (0, every):
+        which = f"the largest of {every} platoons"
+    else:  # the others are leaders alone, or stand for members that are in no platoon
+        which = f"the largest of {platoons} platoons with followers" if platoons > 1 else "the only one with followers"
+    return f"; shows {main_platoon(table)}, {which}"
 
 
 def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ from platoontraffic import analysis
 from platoontraffic.analysis import (
     ResultsError,
     amplification,
+    crowd,
     estimates,
-    figures,
     growth,
     heat_map,
     label,
@@ -32,7 +33,7 @@ from platoontraffic.analysis import (
     summarise,
     time_space,
 )
-from platoontraffic.analysis.figures import gap_distribution
+from platoontraffic.analysis.figures import gap_distribution, line_style, main_platoon, offsets
 from platoontraffic.analysis.following import SPLIT_AFTER
 from platoontraffic.analysis.pictures import strips_figure
 from tests.support.made_runs import RADIUS, SPEED, made_run
@@ -127,6 +128,12 @@ def test_members_of_no_platoon_have_a_line_style_each(ring, axes):
     over_time(table, "speed_mps", axes)
     styles = {(line.get_color(), line.get_marker()) for line in axes.lines}
     assert len(styles) == len(axes.lines) == table.vehicle_id.nunique() > 1
+
+
+def test_as_many_members_as_are_named_have_a_line_style_each(ring):
+    styles = [line_style(place, ring.trajectories) for place in range(crowd.MOST + 1)]
+    assert len({(style["color"], style["marker"]) for style in styles}) == len(styles)
+    assert all(one["marker"] != other["marker"] for one, other in pairwise(styles))
 
 
 @pytest.mark.parametrize("name", ["a", 60 * "a"])
@@ -241,6 +248,21 @@ def test_paths_of_vehicles_in_no_platoon_are_told_apart_and_lead_nobody(ring, ax
     assert len({line.get_color() for line in lines}) == len({line.get_marker() for line in lines}) == 3
 
 
+def test_the_main_platoon_has_followers_if_any_has(ring):
+    """Members in no platoon, which all have place 0, are more; without a platoon they are what is drawn."""
+    platoon = ring.trajectories
+    leader = platoon[platoon.place == 0]
+    alone = pd.concat([leader.assign(platoon_id="equip", vehicle_id=f"alone.{i}") for i in range(5)])
+    assert main_platoon(pd.concat([alone, platoon])) == "platoon"
+    assert main_platoon(pd.concat([leader, alone])) == "equip"
+
+
+def test_a_legend_lists_no_member_without_a_line(ring, axes):
+    table = ring.trajectories
+    offsets(table.assign(cross_track_m=np.where(table.place == 1, np.nan, 0.1)), axes)
+    assert legend(axes) == ["platoon.2"]
+
+
 def test_paths_lie_on_the_road(ring, axes):
     paths(ring.trajectories, axes, ring.scene, ring.events)
     assert legend(axes) == ["platoon.0 (leader)", "platoon.1", "platoon.2", "contact"]
@@ -333,18 +355,3 @@ picture(sys.argv[1], to / "picture.png")
     numbers = {"binomial_limits", "detectable", "holm", "interval", "poisson_limits", "runs_needed"}
     tables = {"amplification", "headline", "label", "load", "paired", "peak", "summarise"}
     assert made == {name for name in analysis.__all__ if name.islower()} - tables - numbers
-
-
-def test_members_in_no_platoon_are_not_the_main_one_where_there_are_platoons():
-    """Five single cars of a share had its pictures, and its platoons of two none."""
-    single = [("equip", f"c.{k}", 0) for k in range(5)]
-    platoons = [(f"equip.{k}", f"p{k}.{i}", i) for k in range(2) for i in range(2)]
-    table = pd.DataFrame([*single, *platoons], columns=["platoon_id", "vehicle_id", "place"])
-    assert figures.main_platoon(table) == "equip.0"
-    assert len(figures.members_of_platoons(table)) == 2
-    assert figures.main_platoon(table[table.platoon_id == "equip"]) == "equip"
-
-
-def test_members_of_a_large_platoon_look_different():
-    looks = [figures.line_style(place, pd.DataFrame(index=range(9))) for place in range(20)]
-    assert len({(look["color"], look["marker"]) for look in looks}) == 20

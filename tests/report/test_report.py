@@ -159,8 +159,22 @@ def test_it_says_which_of_several_platoons_its_pictures_show(tmp_path):
     small = small.assign(platoon_id="late", vehicle_id="late." + small.place.astype(str))
     pd.concat([rows, small]).to_csv(folder / "trajectories.csv", index=False)
     said = re.findall("<figcaption>(.*?)</figcaption>", page(folder, folder / "report.html").read_text())
-    assert "the other platoons in grey" in said[0]
+    assert "the other members in grey" in said[0]
     assert all("; shows platoon, the largest of 2 platoons" in caption for caption in said[1:])
+
+
+def test_its_pictures_show_a_platoon_and_not_the_members_that_are_in_none(tmp_path):
+    """They outnumber each platoon, and have its table's id, the place 0 and no gaps."""
+    folder = made_run(tmp_path / "run", seconds=2.0)
+    rows = pd.read_csv(folder / "trajectories.csv")
+    leader = rows[rows.place == 0]
+    alone = [leader.assign(platoon_id="equip", vehicle_id=f"alone.{i}", gap_m=float("nan")) for i in range(5)]
+    pd.concat([*alone, rows]).to_csv(folder / "trajectories.csv", index=False)
+    said = re.findall("<figcaption>(.*?)</figcaption>", page(folder, folder / "report.html").read_text())
+    assert "the other members in grey" in said[0]
+    assert all("; shows platoon, the only one with followers" in caption for caption in said[1:])
+    answer = CliRunner().invoke(app, ["plot", str(folder)])
+    assert answer.exit_code == 0, answer.output
 
 
 def test_a_run_of_one_instant_has_a_report_without_warnings(tmp_path):
