@@ -10,7 +10,6 @@ the vehicle to stop, and then walks.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,6 +17,7 @@ import numpy as np
 
 from platoontraffic.controllers.law import Sensed
 from platoontraffic.lidar import find_segments
+from platoontraffic.vehicles.motion import FULL_SIZE
 
 AFTER = 10.0  # time that a vehicle and what it stands for must have stood [s] ...
 EVERY = 1.0  # ... and period after which one that could not pass tries again [s]
@@ -32,8 +32,6 @@ ALONGSIDE, BESIDE = 0.1, 0.02  # a return so far before the front bumper [vehicl
 REACH = 3.0  # length of the swath [vehicle lengths]
 PERSON = 0.8  # greatest width of a person, with arms and bags [m]
 AT_EDGE = 3  # a body seen within so many beams of the end of the view may reach beyond it
-GRAZING = math.radians(10)  # of beams along a wall that is seen as one
-FULL_SIZE = 2.0  # vehicles shorter than that are robots among robots [m]
 
 
 class Creeping(NamedTuple):
@@ -73,7 +71,7 @@ class Creeping(NamedTuple):
         if wait(self, sensed.speed, length, free, before, held, AFTER, dt, after):
             tries, tried = (np.ceil((state.stood - AFTER) / EVERY) for state in (after, self))
             for i in np.flatnonzero((after.stood > AFTER) & (tries > tried) & ~self.active):
-                if length[i] > FULL_SIZE and is_narrow(sensed, int(i), bearing[i]):
+                if length[i] >= FULL_SIZE and is_narrow(sensed, int(i), bearing[i]):
                     continue
                 if swept(sensed, int(i), curvature[i]) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
                     after.left[i] = length[i]
@@ -90,10 +88,10 @@ def acceleration(sensed: Sensed, rows: np.ndarray, curvature: np.ndarray, brakin
 
 
 def is_narrow(sensed: Sensed, i: int, bearing: float) -> bool:
-    """Whether what vehicle i sees at a bearing [rad] is no wider than a person."""
+    """Whether what vehicle i sees at a bearing [rad] is all in view, and no wider than a person."""
     scan, row = sensed.scan, slice(i, i + 1)
     one = replace(scan, ids=scan.ids[row], ranges=scan.ranges[row], hits=None, inside=scan.inside[row])
-    segments, beam = find_segments(one, grazing=GRAZING), int(np.abs(scan.model.angles - bearing).argmin())
+    segments, beam = find_segments(one), int(np.abs(scan.model.angles - bearing).argmin())
     around = (segments.first <= beam) & (beam <= segments.last)
     whole = (segments.first > AT_EDGE) & (segments.last < len(scan.model.angles) - 1 - AT_EDGE)
     return bool((around & whole & (segments.width < PERSON)).any())

@@ -32,7 +32,7 @@ TO_KERB = 1.1  # ... and where no other lane is beyond that: the laws keep 0.22 
 AS_ONE = 1.2  # distance up to which lanes meet, and do not lead side by side [m]
 EASED = 4.0  # distance from its ends up to which a lane is moved less [m]
 SAMPLED = 2.0  # spacing of the places at which lanes are compared [m]
-NO_STEP = 1.0  # length of a piece of line without a direction that counts [m]
+NO_STEP = 1.0  # length up to which the direction of a piece of line does not count [m]
 ALIKE = 0.2  # links that bend by about as much are equal [rad]
 EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change, and that is left for it at least
 
@@ -101,9 +101,8 @@ def _bends(link: Any) -> int:
     """By how much a link bends, to either side, from the end of its lane straight to the begin of the next [ALIKE]."""
     (ahead, end), (begin, beyond) = link.getFromLane().getShape()[-2:], link.getToLane().getShape()[:2]
     steps = [(ahead, end), (end, begin), (begin, beyond)]
-    headings = [
-        math.atan2(y - its_y, x - its_x) for (its_x, its_y), (x, y) in steps if math.dist((its_x, its_y), (x, y)) > 1
-    ]
+    long = [step for step in steps if math.dist(*step) > NO_STEP]
+    headings = [math.atan2(y - its_y, x - its_x) for (its_x, its_y), (x, y) in long]
     turns = (abs(math.remainder(after - before, 2 * math.pi)) for before, after in pairwise(headings))
     return round(sum(turns) / ALIKE)
 
