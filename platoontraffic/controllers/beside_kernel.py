@@ -26,7 +26,7 @@ UNTIL_CLEAR = 3.0  # where it no longer looks for room: least time until what is
 PATIENCE = 4.0  # time that it waits for room beside what keeps pace, before it falls back [s]
 SLOWER, FALLS_BACK, GENTLE = 2.0, 25.0, 1.0  # falls back: slower by [m/s], as far as [m], braking by [m/s2]
 LEAVES, YIELDS_BY = 0.1, 3.5  # a slow follower that leaves its lane by that [m] stops for what is beside it [m/s2]
-SOON = 2.0  # as one does that would leave it within that beyond its stopping distance [m]
+SOON = 2.0  # or whose trail leaves the lane within its stopping distance and so much more [m]
 
 room_needed = compiled(lane_room.room_needed)
 
