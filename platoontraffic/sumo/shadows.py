@@ -18,7 +18,8 @@ to its own lane.
 
 A member gets no shadow on a lane where the front of another vehicle is beside it. That vehicle would take the shadow
 for a leader into which it has driven; it would brake hard or change lanes, even into the member. In a bend bodies come
-near the border of their lanes for a moment.
+near the border of their lanes for a moment. And a member that stands has none while a vehicle abreast of it can drive
+past: by the lengths that SUMO gives to lanes in a bend that vehicle may be behind the shadow, and would not go on.
 
 SUMO's drivers do not see shadows when they change lanes. So those beside a member change no lanes while that could lead
 them into it: on the lane beyond that of its shadow; and for one step of a shadow to the right, in which only a shadow
@@ -35,6 +36,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client, direct
@@ -44,6 +46,8 @@ AHEAD = 1.5  # a shadow is on the lane that the body will reach within this time
 TOUCH = 1e-6  # a vehicle as near to the middle of its lane as this was not on the other side of it [m]
 WIDER = 1.01  # width of a vehicle that is to have a shadow wherever it is on its lane [lane widths]
 SLOW = 5.0  # speed up to which a vehicle may stand so much across that its rear matters [m/s]
+ABREAST = 20.0  # distance by SUMO's positions up to which vehicles on two lanes can be abreast in a bend [m]
+PASSING = 0.05  # least distance at which a vehicle passes one that stands [m]
 NEARLY = 5.0  # distance up to which another vehicle is beside that might change lanes [m]
 NO_CHANGES = 0  # argument of setLaneChangeMode
 DURATION = "lanechange.duration"
@@ -148,6 +152,8 @@ class Shadows:
                 continue
             if side := self._wanted(mover, seen):
                 self._keep_lanes(mover, seen, (2 * side,))
+                if self._lets_pass(mover, seen, side):
+                    side = NONE
             elif self._side[mover.id] == NONE:  # as most
                 continue
             one = _Shadow(self._sumo.vehicle.getLanePosition(mover.id), mover, seen, side)
@@ -211,6 +217,31 @@ class Shadows:
         position = self._sumo.vehicle.getLanePosition
         front, length = position(mover.id), self._sumo.vehicle.getLength(mover.id)
         return any(front - length < position(name) <= front for name in self._on_lane(seen, side))
+
+    def _lets_pass(self, mover: Mover, seen: _Seen, side: int) -> bool:
+        """Whether a vehicle stands while another one, truly abreast on the lane on that side, can drive past it."""
+        vehicle = self._sumo.vehicle
+        others = self._on_lane(seen, side)
+        if not others or vehicle.getSpeed(mover.id) >= STANDING:
+            return False
+        (x, y), course = vehicle.getPosition(mover.id), math.radians(90 - vehicle.getAngle(mover.id))
+        place, length, half = vehicle.getLanePosition(mover.id), vehicle.getLength(mover.id), mover.width / 2
+        corners = [
+            (x - back * math.cos(course) - left * math.sin(course), y - back * math.sin(course) + left * math.cos(course))
+            for back in (0.0, length)
+            for left in (half, -half)
+        ]
+        for name in others:
+            if not place - ABREAST < vehicle.getLanePosition(name) <= place:
+                continue
+            (its_x, its_y), its_course = vehicle.getPosition(name), math.radians(90 - vehicle.getAngle(name))
+            cos, sin = math.cos(its_course), math.sin(its_course)
+            ahead = [(px - its_x) * cos + (py - its_y) * sin for px, py in corners]
+            aside = [abs((py - its_y) * cos - (px - its_x) * sin) for px, py in corners]
+            is_abreast = min(ahead) < 0 < max(ahead) + vehicle.getLength(name)
+            if is_abreast and min(aside) > vehicle.getWidth(name) / 2 + PASSING:
+                return True
+        return False
 
     def _keep_lanes(self, mover: Mover, seen: _Seen, lanes: Iterable[int]) -> None:
         """Vehicles beside it change no lanes in the coming step. lanes: on which they are, from its own to the left"""

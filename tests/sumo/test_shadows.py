@@ -18,6 +18,7 @@ import pytest
 
 from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.lidar import PRESETS
+from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.network import Network
 from platoontraffic.shipped import networks
 from platoontraffic.sumo.shadows import Mover, Shadows, shadow_options
@@ -339,6 +340,7 @@ def beside(index: int, lateral: float, other: int, its_front: float, lanes: int)
     fronts = {"m": 100.0, "other": its_front}
     vehicle = SimpleNamespace(
         getLateralLanePosition=lambda _: lateral, getLanePosition=fronts.get, getLength=lambda _: 5.0,
+        getSpeed=lambda _: 1.0,
         getLaneChangeMode=lambda _: 1621, setLaneChangeMode=lambda _, mode: modes.append(mode),
         moveTo=lambda _, lane, __: moved.append(lane), setLateralLanePosition=lambda *_: None,
     )  # fmt: skip
@@ -417,3 +419,41 @@ def test_in_left_hand_traffic_the_rear_of_who_has_left_the_lane_does_not_hide_a_
             gaps.append(next(places) - CAR.length - next(places))
         assert libsumo.vehicle.getLaneID("car 0") == "em_2"
     assert min(gaps) > 1.0
+
+
+PLAIN_ROAD = {
+    "n.nod.xml": '<nodes><node id="a" x="0" y="0"/><node id="b" x="200" y="0"/></nodes>',
+    "n.edg.xml": '<edges><edge id="ab" from="a" to="b" numLanes="2" speed="14"/></edges>',
+    "n.netccfg": """<configuration><input><node-files value="n.nod.xml"/><edge-files value="n.edg.xml"/></input>
+</configuration>""",
+}
+
+
+@pytest.mark.sumo
+def test_who_is_abreast_of_a_member_that_stands_drives_past_where_sumo_has_it_behind(tmp_path):
+    """A member stood half over for a car beside it, and that car for the member's shadow: in Bologna, for ever.
+
+    Both lanes have the same length for SUMO. So it has the member 5 m ahead of who is truly abreast.
+    """
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+    for name, text in PLAIN_ROAD.items():
+        (tmp_path / name).write_text(text)
+    net = tmp_path / "n.net.xml"
+    build_net(tmp_path / "n.netccfg", net)
+    net.write_text(net.read_text().replace('"0.00,-4.80', '"10.00,-4.80'))
+    road = Road(net, ("ab",), ("ab", 1), 0.0)
+    network = Network.read(road.net)
+    member = replace(_member(network, "member", "ab", 1, 39.0), speed=0.0)
+    with World(network, STEP, 1, tmp_path / "words.log", shadow_options(network, {})) as world:
+        fleet = world.deploy(Fleet.deployed([member], STEP))
+        _insert("other", road, 0, 10.0)
+        x, y, heading = (getattr(fleet.motion, key) for key in ("x", "y", "heading"))
+        half_over, fronts = Motion.at_rest(x, y - 1.0, heading), []
+        for step in range(100):
+            world.place(replace(fleet, motion=half_over))
+            fleet = world.advance(fleet)
+            if step == 3:
+                _put("other", "ab", 0, 10.0, 0.0)
+            fronts.append(libsumo.vehicle.getPosition("other")[0])
+    assert fronts[4] < x[0] - CAR.length
+    assert fronts[-1] > x[0] + 2 * CAR.length
