@@ -226,11 +226,9 @@ class Shadows:
             return False
         (x, y), course = vehicle.getPosition(mover.id), math.radians(90 - vehicle.getAngle(mover.id))
         place, length, half = vehicle.getLanePosition(mover.id), vehicle.getLength(mover.id), mover.width / 2
-        corners = [
-            (x - back * math.cos(course) - left * math.sin(course), y - back * math.sin(course) + left * math.cos(course))
-            for back in (0.0, length)
-            for left in (half, -half)
-        ]
+        cos, sin = math.cos(course), math.sin(course)
+        ends = ((0.0, half), (0.0, -half), (length, half), (length, -half))
+        corners = [(x - back * cos - left * sin, y - back * sin + left * cos) for back, left in ends]
         for name in others:
             if not place - ABREAST < vehicle.getLanePosition(name) <= place:
                 continue
