@@ -1,17 +1,20 @@
 """A line whose curvature changes gradually, as steering can.
 
 A line of arcs and straights cannot be driven fast: where its curvature jumps, a vehicle must be slow enough to steer.
-Drivers begin to steer before a bend, and cut it a little. So the line p is replaced by the q that minimises
+Drivers begin to steer before a bend, and cut it a little. And they keep the body in the lane, not the axle: in a bend
+of radius R the front, at a distance f from the axle on the line, is farther out than that by f^2 / 2R. So the line p is
+replaced by the q that minimises
 
-    sum |q - p|^2 + w sum |third differences of q|^2
+    sum |q - p - d|^2 + w sum |third differences of q|^2
 
-(E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Mathematical Society 41, 1922: the third differences
-are the rate of the curvature) among those that stay in a corridor about the line, and nowhere bend more sharply than
-the vehicle can. Places and second differences of q are brought within these limits by the alternating direction method
-of multipliers (S. Boyd et al., Distributed optimization and statistical learning via the alternating direction method
-of multipliers, Foundations and Trends in Machine Learning 3, 2011). The result is near the least sum: the rounds are
-few, and the limit of curvature makes the problem not quite convex. Where q is still beyond a limit, as in half turns at
-full lock, the line is not eased.
+where d leads half as far to the inside of the bend as the front is farther out (E. T. Whittaker, On a new method of
+graduation, Proc. Edinburgh Mathematical Society 41, 1922: the third differences are the rate of the curvature). It is
+one of those that stay in a corridor about the line, and nowhere bend more sharply than the vehicle can. Places and
+second differences of q are brought within these limits by the alternating direction method of multipliers (S. Boyd et
+al., Distributed optimization and statistical learning via the alternating direction method of multipliers, Foundations
+and Trends in Machine Learning 3, 2011). The result is near the least sum: the rounds are few, and the limit of
+curvature makes the problem not quite convex. Where q is still beyond a limit, as in half turns at full lock, the line
+is not eased.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from platoontraffic.lidar.compiled import compiler
 from platoontraffic.road.drivable_line import LOCK, spread, stations_of
 from platoontraffic.road.turning import tight_turns
 
-EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
+EASING = 0.28  # greatest displacement beside d [vehicle widths]: 0.5 m for a car
 OUTSIDE = 0.7  # share of it to the outer side of a bend, and on straights: oncoming vehicles may be off their lane too
 TURNS = 0.05  # least turn of a bend [rad]
 WIDTH = 1.2  # in a wide corridor easing is like a moving average over so much [vehicle lengths]: w^(1/6) points
@@ -47,6 +50,7 @@ def eased(
     tolerance: float,
     width: float,
     spacing: float,
+    front: float,
     closed: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The eased line, as `drivable` returns it.
@@ -54,9 +58,10 @@ def eased(
     points, stations : of the line as `drivable` returns it, (m, 2), (m,) [m]
     given            : points of the lane line that `stations` are along (k, 2) [m]
     lock             : curvature that is not exceeded where the line does not [1/m]
-    tolerance        : greatest displacement [m]
+    tolerance        : greatest displacement beside d [m]
     width            : of the average [m]
     spacing          : of the points [m]
+    front            : distance of the front bumper from the axle on the line [m]
     """
     even = spread(np.column_stack([points, stations]), spacing)
     line, stations = even[:, :2] - even[0, :2], even[:, 2]
@@ -69,9 +74,11 @@ def eased(
     off = ((onward - _onward(lane, lap, closed)) * left).sum(axis=1)  # that the line has left the lane
     farthest = np.maximum(least + TOTAL * tolerance, np.abs(off))
     turn = _turn_about(onward, round(width / spacing))
-    aside = tolerance * np.where(np.column_stack([-turn, turn]) > TURNS, 1.0, OUTSIDE)  # to the right, and to the left
+    wanted = turn / (2 * width) * front**2 / 4
+    sides = np.column_stack([-wanted, wanted])  # to the right, and to the left
+    aside = tolerance * np.where(np.column_stack([-turn, turn]) > TURNS, 1.0, OUTSIDE) + np.maximum(sides, 0.0)
     corridor = np.column_stack([np.maximum(-aside[:, 0], -farthest - off), np.minimum(aside[:, 1], farthest - off)])
-    moved = _gentlest(onward, left, corridor, tolerance, sharpest, (width / spacing) ** 6) - onward
+    moved = _gentlest(onward, left, wanted, corridor, tolerance, sharpest, (width / spacing) ** 6) - onward
     share = _share_within(moved, onward, left, corridor, sharpest, round(width / spacing), closed)
     moved = (share[:, None] * moved)[lap : lap + len(line)]
     if closed:
@@ -155,10 +162,11 @@ def _curvature(points: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _gentlest(line, left, corridor, ahead, sharpest, weight):
+def _gentlest(line, left, wanted, corridor, ahead, sharpest, weight):
     """The q of the sum above, (m, 2), for points p (m, 2).
 
     left     : unit vectors to the left of the line, (m, 2)
+    wanted   : displacement d to the left, (m,) [m]
     corridor : least and greatest displacement to the left, (m, 2) [m]; 0 lies within
     ahead    : greatest displacement ahead, or back [m]: points that crowd in a sharp bend make it look gentle
     sharpest : greatest curvature, (m,) [1/m]; the line has no greater
@@ -175,7 +183,7 @@ def _gentlest(line, left, corridor, ahead, sharpest, weight):
     for _ in range(ROUNDS):
         for i in range(n):
             for c in range(2):
-                solved[i + 3, c] = line[i, c] + PLACES * (place[i, c] - beyond_place[i, c])
+                solved[i + 3, c] = line[i, c] + wanted[i] * left[i, c] + PLACES * (place[i, c] - beyond_place[i, c])
         for i in range(1, n - 1):
             for c in range(2):
                 pull = BENDS * (bend[i, c] - beyond_bend[i, c])

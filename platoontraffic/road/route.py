@@ -69,7 +69,7 @@ class Route:
         return cls(tuple(edges), Polyline(np.vstack([points, onward])), length, limit, tuple(lines), walled)
 
     def drivable_by(self, model: VehicleModel) -> Route:
-        """The route on a line that a vehicle can drive: rounded by `drivable_line`, and eased for its steering rate."""
+        """The route on a line that a vehicle can drive: rounded by `drivable_line`, and eased by `eased_line`."""
         count = np.searchsorted(self.line.stations, self.length * (1 + 1e-12), side="right")
         points, limit = self.line.points[:count], self.limit[:count]
         given = self.line.stations[:count]
@@ -77,7 +77,7 @@ class Route:
         spacing = SPACING * model.length
         rounded, stations = drivable(points, lock, spacing, self.closed)
         if np.isfinite(model.curvature_rate):
-            sizes = EASING * model.width, WIDTH * model.length, spacing
+            sizes = EASING * model.width, WIDTH * model.length, spacing, model.length / 2 - model.axle
             rounded, stations = eased(rounded, stations, points, lock, *sizes, closed=self.closed)
         limit = limit[np.clip(np.searchsorted(given, stations, side="right") - 1, 0, count - 1)]
         kept = turns(rounded) | (np.diff(limit, prepend=limit[0]) != 0)

@@ -14,6 +14,7 @@ from platoontraffic.road.eased_line import ABOVE_LOCK, EASING, eased
 from platoontraffic.vehicles.bicycle import CARS
 
 LOCK, TOLERANCE, WIDTH, SPACING = 1 / 4.65, 0.5, 5.7, 0.47  # of a car
+FRONT = CARS["car"].length / 2 - CARS["car"].axle
 WITHIN = 0.03  # of its corridor [m]
 
 
@@ -23,10 +24,10 @@ def corner(radius, leg=60.0, turn=np.pi / 2):
     return np.vstack([(-leg, 0), arc, arc[-1] + leg * np.array([np.cos(turn), np.sin(turn)])])
 
 
-def easy(points, closed=False, tolerance=TOLERANCE):
+def easy(points, closed=False, tolerance=TOLERANCE, front=0.0):
     points = np.asarray(points, dtype=float)
     line, stations = drivable(points, LOCK, SPACING, closed)
-    return eased(line, stations, points, LOCK, tolerance, WIDTH, SPACING, closed)
+    return eased(line, stations, points, LOCK, tolerance, WIDTH, SPACING, front, closed)
 
 
 def curvature(points):
@@ -149,8 +150,10 @@ def test_where_a_turn_is_too_tight_to_be_eased_the_line_stays_within_its_limits(
     spacing, tolerance = drivable_line.SPACING * model.length, EASING * model.width
     lock = 1 / (drivable_line.LOCK * model.turning_radius)
     before, along = drivable(given_line, lock, spacing)
-    points, stations = eased(before, along, given_line, lock, tolerance, eased_line.WIDTH * model.length, spacing)
-    assert shapely.distance(shapely.points(points), shapely.LineString(before)).max() <= 1.1 * tolerance
+    width, front = eased_line.WIDTH * model.length, model.length / 2 - model.axle
+    points, stations = eased(before, along, given_line, lock, tolerance, width, spacing, front)
+    inside = front**2 / 4 * np.pi / (2 * width)
+    assert shapely.distance(shapely.points(points), shapely.LineString(before)).max() <= 1.1 * (tolerance + inside)
     assert curvature(points).max() <= 1.07 * max(lock, curvature(before).max())
     assert (np.diff(stations) > 0).all()
 
@@ -185,22 +188,35 @@ def test_a_circle_stays_a_circle():
     assert radius.mean() == pytest.approx(15.0, abs=0.15)
 
 
+@pytest.mark.parametrize("radius", [12.0, 20.0, 40.0])
+def test_in_a_bend_the_body_takes_as_much_room_on_the_outer_side_as_on_the_inner(radius):
+    """Members kept their rear axles to the lane, and their fronts swung over the lane beside: in a roundabout of two
+    lanes seven pairs touched. On a circle the axle is f^2 / 4R inside of it, the front as far outside."""
+    angle = np.linspace(0, 2 * np.pi, 1000)
+    points, _ = easy(radius * np.column_stack([np.cos(angle), np.sin(angle)]), closed=True, front=FRONT)
+    axle = np.hypot(*points.T)
+    assert axle == pytest.approx(radius - FRONT**2 / 4 / radius, abs=0.035)
+    assert np.hypot(axle, FRONT) - radius == pytest.approx(radius - axle, abs=0.08)
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     steps=st.lists(st.floats(4.0, 25.0), min_size=3, max_size=25),
     aside=st.lists(st.floats(-3.0, 3.0), min_size=26, max_size=26),
+    front=st.sampled_from([0.0, FRONT]),
 )
-@example(steps=[4.0] * 3, aside=[0.0, 0.0, 3.0] + [0.0] * 23)
-def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(steps, aside):
+@example(steps=[4.0] * 3, aside=[0.0, 0.0, 3.0] + [0.0] * 23, front=0.0)
+@example(steps=[4.0] * 3, aside=[0.0, 0.0, 3.0] + [0.0] * 23, front=FRONT)
+def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(steps, aside, front):
     x = np.concatenate([[0.0], np.cumsum(steps)])
     given_line = np.column_stack([x, aside[: len(x)]])
     before, stations = drivable(given_line, LOCK, SPACING)
-    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, WIDTH, SPACING)
+    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, WIDTH, SPACING, front)
     sharpest = max(LOCK, curvature(before).max(initial=0.0))
     assert curvature(points).max(initial=0.0) <= 1.075 * sharpest  # a vehicle can turn 1.08 times as sharply as LOCK
     off = shapely.distance(shapely.points(points), shapely.LineString(before))
-    assert off.max() <= TOLERANCE + WITHIN
-    mirrored, _ = easy(given_line * (1, -1))
+    assert off.max() <= TOLERANCE + front**2 / 4 * curvature(before).max(initial=0.0) + WITHIN
+    mirrored, _ = easy(given_line * (1, -1), front=front)
     assert mirrored == pytest.approx(points * (1, -1), abs=1e-6)
 
 
