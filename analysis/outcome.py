@@ -30,6 +30,7 @@ def headline(events: pd.DataFrame, metrics: pd.DataFrame) -> str:
     """
     events = events[~_by_order(events)]
     number = {kind: int((events.kind == kind).sum()) for kind in BROKEN}
+    number["stuck"] = events.vehicle_id[events.kind == "stuck"].nunique()  # one may be twice
     found = [_counted(number["collision"], "contact", "contacts"), _counted(number["split"], "split", "splits")]
     if left := number["stranded"] + number["never_departed"]:
         found.append(_counted(left, "member left out", "members left out"))

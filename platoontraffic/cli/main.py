@@ -221,7 +221,7 @@ def batch(
         print_runs(loaded, folder, 1 if executor == "serial" else slots, executor, json, part, retry_failed)
         return
     limits = batches.Limits(timeout, memory)
-    if not quiet and not json and (equal := equal_runs(loaded)):
+    if not quiet and not json and (equal := equal_runs(loaded.runs)):
         err.print(equal, soft_wrap=True)
     with batch_progress(loaded.name, len(loaded.runs), quiet or json) as watcher:
         report = batches.run(loaded, folder, executor, slots, part, retry_failed, limits, watcher)
@@ -330,7 +330,7 @@ def _checked(name: str, changes: list[str], platoons: str | None, before_code: B
     from platoontraffic.study import study
 
     if study.is_study(name):
-        return f"fine, {len(study.load(name, changes, before_code).runs)} runs"
+        return f"fine, {counted(len(study.load(name, changes, before_code).runs), 'run')}"
     checked = scenarios.load(name, changes, platoons=platoons, before_code=before_code)
     print_remarks(_runs().prepare(checked))
     return "fine"

@@ -6,7 +6,7 @@ import json
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from platoontraffic.analysis.results import Results
     from platoontraffic.study.batch import Report
-    from platoontraffic.study.study import Study
+    from platoontraffic.study.study import Run, Study
     from platoontraffic.world.prepared import Prepared
 
 # Columns of the table of a run: heading, metric of a member, format.
@@ -222,10 +222,10 @@ def print_runs(
     for line in lines:
         print("  ".join(f"{cell:{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
     print(
-        f"{len(rows)} runs, {len(waiting)} to do, about {duration_text(seconds / slots)} with {slots} at a time "
-        f"({estimated_by}); the batch would write {folder}"
+        f"{counted(len(rows), 'run')}, {len(waiting)} to do, about {duration_text(seconds / slots)} "
+        f"with {slots} at a time ({estimated_by}); the batch would write {folder}"
     )
-    if equal := equal_runs(study):
+    if equal := equal_runs(mine):
         print(equal)
     if shares:
         shared = sum(map(len, shares.values()))
@@ -235,9 +235,9 @@ def print_runs(
         )
 
 
-def equal_runs(study: Study) -> str:
+def equal_runs(runs: Sequence[Run]) -> str:
     """How many runs are equal to others, because nothing in them depends on their seed; "": none is."""
-    points = Counter(run.point for run in study.runs if not run.random)
+    points = Counter(run.point for run in runs if not run.random)
     more = sum(points.values()) - len(points)
     if not more:
         return ""
@@ -249,7 +249,7 @@ def print_report(report: Report, folder: Path) -> None:
     """The outcome of a batch, and how one of its runs is repeated; folder: the batch's."""
     runs, earlier, done, failed, _ = report.progress
     before = f" ({earlier} of them earlier)" if earlier else ""
-    print(f"{runs} runs: {done} done{before}, {failed} failed")
+    print(f"{counted(runs, 'run')}: {done} done{before}, {failed} failed")
     for run_id, error in list(report.failures.items())[:FAILURES]:
         print(f"  {run_id}: {error}")
     if failed > FAILURES:

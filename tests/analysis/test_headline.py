@@ -45,6 +45,6 @@ def test_what_an_order_brings_about_is_no_fault():
 
 
 def test_a_run_in_which_members_were_stuck_did_not_hold():
-    stuck = [(40.0 + k, "stuck", f"p.{k}") for k in range(2)]
+    stuck = [(40.0, "stuck", "p.0"), (41.0, "stuck", "p.1"), (400.0, "stuck", "p.1")]
     assert said(LOCKED, *stuck).startswith("Did not hold: no contacts, no splits, 2 members stuck")
     assert "at 40.00 s: p.0 was stuck" in said(LOCKED, *stuck)

@@ -101,3 +101,11 @@ def test_a_batch_says_that_it_simulates_one_of_equal_runs(tmp_path):
     said = "2 of these runs are equal to others, because nothing in them is random: one seed is simulated\n"
     assert (ended.returncode, ended.stderr) == (0, said)
     assert "4 runs: 4 done, 0 failed" in ended.stdout
+
+
+def test_a_dry_run_of_a_part_speaks_of_its_own_runs(tmp_path):
+    """Of four runs two are equal to others; a part with one run said so too."""
+    written(tmp_path, 1, 2)
+    ended = invoked(tmp_path / "equal.toml", "--dry-run", "--shard", "1/4", "--out", tmp_path / "out")
+    assert "1 run, 1 to do" in ended.stdout
+    assert "of these runs" not in ended.stdout
