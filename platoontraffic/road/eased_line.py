@@ -176,9 +176,12 @@ def _gentlest(line, left, wanted, corridor, ahead, sharpest, weight):
     # Places and second differences within their limits, and by how much those of q have been beyond, summed.
     place, beyond_place = line.copy(), np.zeros((n, 2))
     bend, beyond_bend = np.zeros((n, 2)), np.zeros((n, 2))
-    for i in range(1, n - 1):
+    for i in range(n):
+        aside = min(max(wanted[i], corridor[i, 0]), corridor[i, 1])
         for c in range(2):
-            bend[i, c] = line[i - 1, c] - 2 * line[i, c] + line[i + 1, c]
+            place[i, c] += aside * left[i, c]
+            if 0 < i < n - 1:
+                bend[i, c] = line[i - 1, c] - 2 * line[i, c] + line[i + 1, c]
     q, solved = line, np.zeros((n + 6, 2))  # of these three at each end stay 0
     for _ in range(ROUNDS):
         for i in range(n):
