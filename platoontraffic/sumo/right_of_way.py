@@ -219,7 +219,7 @@ class RightOfWay:
         over   : distance driven beyond the line [m]; negative: before it
         passed : state of the line's link, if it has passed the line and may be in the way of those with priority
         returns: to the line where it can stop there by `STOPS_BY`, else to before the path of the first of them; at
-                 once where it has nearly stopped nearer to that path, and is not in it yet; inf where it can pass them,
+                 once where it has nearly stopped nearer to that path, and they can pass it; inf where it can pass them,
                  or cannot stop any more
         """
         if not (passed or self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
@@ -691,8 +691,7 @@ def _stop_before(crossing: Crossing, over: float, ego: Ego) -> float:
     for place in (meets - keeps, touches - keeps):
         if stops_within <= place:
             return place
-    nearly_stands = stops_within <= touches < math.inf and ego.speed < NEARLY_STANDS * ego.size
-    return stops_within if nearly_stands else math.inf
+    return stops_within if -_still_clear(ego) < touches < math.inf and ego.speed < NEARLY_STANDS * ego.size else math.inf
 
 
 def _still_clear(ego: Ego) -> float:

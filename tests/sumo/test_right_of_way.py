@@ -612,7 +612,8 @@ def test_a_vehicle_in_the_junction_that_is_slower_than_it_was_to_be_stops_for_th
         (9.0, 5.0, "side_0", "c", np.inf, 6.5),  # nearer to it, it stops before where its front would touch it
         (9.0, 8.0, "side_0", "c", np.inf, np.inf),  # it cannot stop any more
         (0.7, 11.7, "side_0", "c", np.inf, 0.035),  # it has braked too gently, but its front is not in the way yet
-        (0.7, 12.1, "side_0", "c", np.inf, np.inf),  # now it is
+        (0.7, 12.1, "side_0", "c", np.inf, 0.035),  # it is a little, and is passed there
+        (0.7, 12.6, "side_0", "c", np.inf, np.inf),  # it has to leave that path
         (6.0, -3.9, "side_0", "c", 2.0, np.inf),  # it will wait midway
         (6.0, -3.9, "side_0", "c", 0.5, 13.4),  # it is beyond that place
         (6.0, -3.9, "road_1", "c", np.inf, np.inf),  # it is beside it
