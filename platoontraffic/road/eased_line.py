@@ -28,8 +28,9 @@ from platoontraffic.lidar.compiled import compiler
 from platoontraffic.road.drivable_line import LOCK, spread, stations_of
 from platoontraffic.road.turning import tight_turns
 
-EASING = 0.28  # greatest displacement beside d [vehicle widths]: 0.5 m for a car
+EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car
 OUTSIDE = 0.7  # share of it to the outer side of a bend, and on straights: oncoming vehicles may be off their lane too
+BEYOND = 0.5  # share of it beyond d: so the body reaches as far to the inside of a bend as its front to the outside
 TURNS = 0.05  # least turn of a bend [rad]
 WIDTH = 1.2  # in a wide corridor easing is like a moving average over so much [vehicle lengths]: w^(1/6) points
 LAP = 8.0  # part of the laps before and after that is eased with a closed line [widths]
@@ -76,7 +77,8 @@ def eased(
     turn = _turn_about(onward, round(width / spacing))
     wanted = turn / (2 * width) * front**2 / 4
     sides = np.column_stack([-wanted, wanted])  # to the right, and to the left
-    aside = tolerance * np.where(np.column_stack([-turn, turn]) > TURNS, 1.0, OUTSIDE) + np.maximum(sides, 0.0)
+    aside = tolerance * np.where(np.column_stack([-turn, turn]) > TURNS, 1.0, OUTSIDE)
+    aside = np.maximum(aside, sides + BEYOND * tolerance)
     corridor = np.column_stack([np.maximum(-aside[:, 0], -farthest - off), np.minimum(aside[:, 1], farthest - off)])
     moved = _gentlest(onward, left, wanted, corridor, tolerance, sharpest, (width / spacing) ** 6) - onward
     share = _share_within(moved, onward, left, corridor, sharpest, round(width / spacing), closed)

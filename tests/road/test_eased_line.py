@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from platoontraffic.road import drivable_line, eased_line
 from platoontraffic.road.drivable_line import drivable
 from platoontraffic.road.eased_line import ABOVE_LOCK, EASING, eased
+from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
 
 LOCK, TOLERANCE, WIDTH, SPACING = 1 / 4.65, 0.5, 5.7, 0.47  # of a car
@@ -197,6 +198,29 @@ def test_in_a_bend_the_body_takes_as_much_room_on_the_outer_side_as_on_the_inner
     axle = np.hypot(*points.T)
     assert axle == pytest.approx(radius - FRONT**2 / 4 / radius, abs=0.015)
     assert np.hypot(axle, FRONT) - radius == pytest.approx(radius - axle, abs=0.03)
+
+
+@pytest.mark.parametrize("kind", ["car", "van"])
+@pytest.mark.parametrize("radius", [7.0, 10.0, 15.0])
+def test_in_a_sharp_bend_that_is_cut_the_body_reaches_as_far_to_either_side(radius, kind):
+    """Cars cut corners by up to 0.8 m, and reached 0.3 m farther to the inside, where others may turn beside them."""
+    model, given_line = CARS[kind], corner(radius)
+    route = Route.along(("a", "b"), given_line, np.full(len(given_line), 13.9), []).drivable_by(model)
+    places = np.arange(20.0, route.length - 20.0, 0.25)
+    axle, ahead = route.line.at(places), route.line.at(places + 0.1) - route.line.at(places - 0.1)
+    ahead /= np.hypot(*ahead.T)[:, None]
+    left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    bend, centre = shapely.LineString(given_line), np.array([0.0, radius])
+    inside, outside = 0.0, 0.0
+    for along in np.linspace(-model.length / 2, model.length / 2, 10) - model.axle:
+        for side in (-1, 1):
+            points = axle + along * ahead + side * model.width / 2 * left
+            beyond = shapely.distance(shapely.points(points), bend) - model.width / 2
+            is_inside = np.hypot(*(points - centre).T) < radius  # of the arc; and left of both straights
+            is_inside |= (points[:, 0] < 0) & (points[:, 1] > 0) | (points[:, 1] > radius) & (points[:, 0] < radius)
+            inside, outside = max(inside, beyond[is_inside].max(initial=0.0)), max(outside, beyond[~is_inside].max(initial=0.0))
+    assert inside == pytest.approx(outside, abs=0.13)
+    assert inside < model.length / 6
 
 
 @settings(max_examples=40, deadline=None)
