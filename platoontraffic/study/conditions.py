@@ -18,6 +18,9 @@ _ALLOWED = (
 _NUMERIC = (ast.BinOp, ast.UnaryOp, ast.Name, ast.Constant)
 
 
+Condition = Callable[[Sequence[Any]], bool]  # of the values of a point
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float)
 
@@ -31,7 +34,7 @@ def _is_condition(node: ast.expr) -> bool:
     return isinstance(node, ast.Compare)
 
 
-def condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[Any]], bool]:
+def condition(text: str, keys: Sequence[str], place: str) -> Condition:
     """A condition as a function of the values of a point.
 
     keys  : varied keys of the study; a point has one value for each

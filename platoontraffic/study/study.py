@@ -26,7 +26,7 @@ from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted,
 from platoontraffic.scenario.named_code import BeforeCode
 from platoontraffic.scenario.overrides import leaves
 from platoontraffic.scenario.scenario import relative_to
-from platoontraffic.study.conditions import condition
+from platoontraffic.study.conditions import Condition, condition
 from platoontraffic.study.folder_lock import SHARES
 
 ENOUGH_FAULTS = 20  # number of faults at which the search for more ends
@@ -148,7 +148,13 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), before_code: B
     _check_keys([change for axis in axes for change in axis.rows[0]], fixed)
     seeds = _seeds(file, place)
     checked = partial(scenario.load, base, seed=seeds[0] if seeds else None, before_code=before_code)
-    runs = tuple(_runs(_points(file, axes, keys, place), base, checked, fixed, seeds, source))
+    try:
+        left_out = _left_out(file, keys, place)
+    except InputError as error:  # a key may be wrong in the grid, and right in the condition
+        raise InputError(
+            *_faults(checked, [*fixed, *(change for axis in axes for change in axis.rows[0])]), *error.faults
+        ) from None
+    runs = tuple(_runs(_points(file, axes, left_out, place), base, checked, fixed, seeds, source))
     written_out = {
         "name": file.name,
         "title": file.title,
@@ -332,10 +338,22 @@ def _seeds(file: StudyFile, place: Place) -> list[int]:
     return seeds
 
 
-def _points(file: StudyFile, axes: Sequence[Axis], keys: Sequence[str], place: Place) -> Iterator[tuple[Change, ...]]:
+def _left_out(file: StudyFile, keys: Sequence[str], place: Place) -> list[Condition]:
+    return [condition(text, keys, f"{place(('leave_out',))}: leave_out") for text in file.leave_out]
+
+
+def _faults(load_base: Callable[[Sequence[Change]], Scenario], changes: Sequence[Change]) -> Sequence[str]:
+    try:
+        load_base(changes)
+    except InputError as error:
+        return error.faults
+    return ()
+
+
+def _points(
+    file: StudyFile, axes: Sequence[Axis], left_out: Sequence[Condition], place: Place
+) -> Iterator[tuple[Change, ...]]:
     """All combinations that are not left out; the last key changes fastest."""
-    at = place(("leave_out",))
-    conditions = [condition(text, keys, f"{at}: leave_out") for text in file.leave_out]
     combinations = math.prod(len(axis.rows) for axis in axes)
     if combinations > MOST:
         raise InputError(f"{place(('grid',))}: grid: {combinations} combinations; must be at most {MOST}")
@@ -343,11 +361,11 @@ def _points(file: StudyFile, axes: Sequence[Axis], keys: Sequence[str], place: P
     for rows in itertools.product(*(axis.rows for axis in axes)):
         point = tuple(change for row in rows for change in row)
         values = [change.value for change in point]
-        if not any(holds(values) for holds in conditions):
+        if not any(holds(values) for holds in left_out):
             left += 1
             yield point
     if not left:
-        raise InputError(f"{at}: leave_out: leaves out all runs")
+        raise InputError(f"{place(('leave_out',))}: leave_out: leaves out all runs")
 
 
 def _runs(

@@ -188,6 +188,14 @@ def test_bad_studies_are_one_line_a_fault_and_start_nothing(written, tmp_path, t
     assert not (tmp_path / "results").exists()
 
 
+def test_a_misspelt_key_of_the_grid_is_named_beside_the_condition_that_has_it_right(written):
+    with pytest.raises(InputError) as raised:
+        study.load(written('leave_out = ["platoon.size > 1"]\n[grid]\nplatoon.sise = [2]'))
+    of_grid, of_condition = raised.value.faults
+    assert of_grid.endswith("platoon.0.sise: unknown key; did you mean 'size'?")
+    assert of_condition.endswith("platoon.size: not a varied key of the study; did you mean 'platoon.sise'?")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
