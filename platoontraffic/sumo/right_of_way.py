@@ -691,7 +691,8 @@ def _stop_before(crossing: Crossing, over: float, ego: Ego) -> float:
     for place in (meets - keeps, touches - keeps):
         if stops_within <= place:
             return place
-    return stops_within if -_still_clear(ego) < touches < math.inf and ego.speed < NEARLY_STANDS * ego.size else math.inf
+    stays = ego.speed < NEARLY_STANDS * ego.size and -_still_clear(ego) < touches < math.inf
+    return stops_within if stays else math.inf
 
 
 def _still_clear(ego: Ego) -> float:

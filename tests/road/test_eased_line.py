@@ -218,7 +218,8 @@ def test_in_a_sharp_bend_that_is_cut_the_body_reaches_as_far_to_either_side(radi
             beyond = shapely.distance(shapely.points(points), bend) - model.width / 2
             is_inside = np.hypot(*(points - centre).T) < radius  # of the arc; and left of both straights
             is_inside |= (points[:, 0] < 0) & (points[:, 1] > 0) | (points[:, 1] > radius) & (points[:, 0] < radius)
-            inside, outside = max(inside, beyond[is_inside].max(initial=0.0)), max(outside, beyond[~is_inside].max(initial=0.0))
+            inside = max(inside, beyond[is_inside].max(initial=0.0))
+            outside = max(outside, beyond[~is_inside].max(initial=0.0))
     assert inside == pytest.approx(outside, abs=0.13)
     assert inside < model.length / 6
 
