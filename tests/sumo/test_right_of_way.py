@@ -1647,7 +1647,7 @@ def test_the_body_of_a_car_of_sumos_cuts_the_bends_of_its_lane():
 def test_a_sharp_turn_into_a_roundabout_waits_for_a_car_beside_whose_body_cuts_the_bend(tmp_path):
     """The lane beside stays farther from the corner of the member's front than the middle of a car's body comes."""
     pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
-    network = Network.read(roundabouts(tmp_path, lanes=2, arms=5, count=1))
+    network = Network.read(roundabouts(tmp_path, lanes=2, arms=7, count=1))
     libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
     try:
         *_, lines = network.route_lanes(("i0.0", "c0.0"), 0, position=20.0)
