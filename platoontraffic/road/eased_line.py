@@ -30,7 +30,9 @@ from platoontraffic.road.turning import tight_turns
 
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car
 OUTSIDE = 0.7  # share of it to the outer side of a bend, and on straights: oncoming vehicles may be off their lane too
-BEYOND = 0.5  # share of it beyond d: so the body reaches as far to the inside of a bend as its front to the outside
+# Share of it beyond d: so the body reaches as far to the inside of a bend as its front to the outside. A vehicle for
+# which a lane is too narrow for that has all of it: bodies of SUMO's cut bends, so there is more room on the inside.
+BEYOND, LANE = 0.5, 3.2  # [1], [m]
 TURNS = 0.05  # least turn of a bend [rad]
 WIDTH = 1.2  # in a wide corridor easing is like a moving average over so much [vehicle lengths]: w^(1/6) points
 LAP = 8.0  # part of the laps before and after that is eased with a closed line [widths]
@@ -43,12 +45,19 @@ BESIDE, SHARPER = 0.1, 0.05  # by which q may be beyond its limits [of the corri
 compiled = compiler(__file__)
 
 
+def corridor_of(width: float) -> tuple[float, float]:
+    """`tolerance` and `beyond` of `eased` for a vehicle of a width [m]."""
+    tolerance = EASING * width
+    return tolerance, tolerance * (BEYOND if tolerance <= (LANE - width) / 2 else 1.0)
+
+
 def eased(
     points: np.ndarray,
     stations: np.ndarray,
     given: np.ndarray,
     lock: float,
     tolerance: float,
+    beyond: float,
     width: float,
     spacing: float,
     front: float,
@@ -76,9 +85,9 @@ def eased(
     farthest = np.maximum(least + TOTAL * tolerance, np.abs(off))
     turn = _turn_about(onward, round(width / spacing))
     wanted = turn / (2 * width) * front**2 / 4
-    sides = np.column_stack([-wanted, wanted])  # to the right, and to the left
-    aside = tolerance * np.where(np.column_stack([-turn, turn]) > TURNS, 1.0, OUTSIDE)
-    aside = np.maximum(aside, sides + BEYOND * tolerance)
+    # To the right, and to the left.
+    is_inside, lead = np.column_stack([-turn, turn]) > TURNS, np.column_stack([-wanted, wanted])
+    aside = np.where(is_inside, np.maximum(tolerance, lead + beyond), OUTSIDE * tolerance)
     corridor = np.column_stack([np.maximum(-aside[:, 0], -farthest - off), np.minimum(aside[:, 1], farthest - off)])
     moved = _gentlest(onward, left, wanted, corridor, tolerance, sharpest, (width / spacing) ** 6) - onward
     share = _share_within(moved, onward, left, corridor, sharpest, round(width / spacing), closed)

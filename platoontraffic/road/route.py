@@ -19,7 +19,7 @@ from platoontraffic.geometry.polyline import Polyline, project
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.drivable_line import LOCK, SPACING, drivable, turns
-from platoontraffic.road.eased_line import EASING, WIDTH, eased
+from platoontraffic.road.eased_line import WIDTH, corridor_of, eased
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.vehicles.motion import VehicleModel
 
@@ -77,7 +77,7 @@ class Route:
         spacing = SPACING * model.length
         rounded, stations = drivable(points, lock, spacing, self.closed)
         if np.isfinite(model.curvature_rate):
-            sizes = EASING * model.width, WIDTH * model.length, spacing, model.length / 2 - model.axle
+            sizes = *corridor_of(model.width), WIDTH * model.length, spacing, model.length / 2 - model.axle
             rounded, stations = eased(rounded, stations, points, lock, *sizes, closed=self.closed)
         limit = limit[np.clip(np.searchsorted(given, stations, side="right") - 1, 0, count - 1)]
         kept = turns(rounded) | (np.diff(limit, prepend=limit[0]) != 0)

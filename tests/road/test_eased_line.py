@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from platoontraffic.road import drivable_line, eased_line
 from platoontraffic.road.drivable_line import drivable
-from platoontraffic.road.eased_line import ABOVE_LOCK, EASING, eased
+from platoontraffic.road.eased_line import ABOVE_LOCK, BEYOND, EASING, corridor_of, eased
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
 
@@ -28,7 +28,7 @@ def corner(radius, leg=60.0, turn=np.pi / 2):
 def easy(points, closed=False, tolerance=TOLERANCE, front=0.0):
     points = np.asarray(points, dtype=float)
     line, stations = drivable(points, LOCK, SPACING, closed)
-    return eased(line, stations, points, LOCK, tolerance, WIDTH, SPACING, front, closed)
+    return eased(line, stations, points, LOCK, tolerance, BEYOND * tolerance, WIDTH, SPACING, front, closed)
 
 
 def curvature(points):
@@ -152,7 +152,7 @@ def test_where_a_turn_is_too_tight_to_be_eased_the_line_stays_within_its_limits(
     lock = 1 / (drivable_line.LOCK * model.turning_radius)
     before, along = drivable(given_line, lock, spacing)
     width, front = eased_line.WIDTH * model.length, model.length / 2 - model.axle
-    points, stations = eased(before, along, given_line, lock, tolerance, width, spacing, front)
+    points, stations = eased(before, along, given_line, lock, *corridor_of(model.width), width, spacing, front)
     inside = front**2 / 4 * np.pi / (2 * width)
     assert shapely.distance(shapely.points(points), shapely.LineString(before)).max() <= 1.1 * (tolerance + inside)
     assert curvature(points).max() <= 1.07 * max(lock, curvature(before).max())
@@ -236,7 +236,7 @@ def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(st
     x = np.concatenate([[0.0], np.cumsum(steps)])
     given_line = np.column_stack([x, aside[: len(x)]])
     before, stations = drivable(given_line, LOCK, SPACING)
-    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, WIDTH, SPACING, front)
+    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, BEYOND * TOLERANCE, WIDTH, SPACING, front)
     sharpest = max(LOCK, curvature(before).max(initial=0.0))
     assert curvature(points).max(initial=0.0) <= 1.075 * sharpest  # a vehicle can turn 1.08 times as sharply as LOCK
     off = shapely.distance(shapely.points(points), shapely.LineString(before))
