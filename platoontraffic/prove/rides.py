@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import zip_longest
+from itertools import dropwhile, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -159,7 +159,7 @@ def _stands(
             lasts = until - row.time_s + STANDSTILL_AFTER if after is None else after.duration_s
             (lane,) = network.lanes_at([row.x_m], [row.y_m])
             why, trip = _reason(row), trips[vehicle]
-            line = _junction_ahead(lane, trip)
+            line = _junction_ahead(lane, trip, with_light=why == LIGHT)
             queue = edge_of(line.onto) if line and why == NO_ROOM else ""
             changes = (one.onto for one in trip.lines if one.state == CHANGING and one.lane == lane)
             onto = next(changes, "") if why == LANE_CHANGE else ""
@@ -170,10 +170,14 @@ def _stands(
             yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated, one_red, begins)
 
 
-def _junction_ahead(lane: str, trip: Trip) -> Line | None:
-    """The line of the next junction on a trip, or of the one inside which a lane is; None where there is none."""
+def _junction_ahead(lane: str, trip: Trip, with_light: bool) -> Line | None:
+    """The line of the next junction on a trip, or of the one inside which a lane is; None where there is none.
+
+    with_light: of the next one with a light; it may lie behind another one and a short edge
+    """
     junctions = (line for line in trip.lines if line.state != CHANGING)
-    return next((one for one in junctions if lane in one.via or edge_of(lane) == edge_of(one.lane)), None)
+    ahead = dropwhile(lambda one: not (lane in one.via or edge_of(lane) == edge_of(one.lane)), junctions)
+    return next((one for one in ahead if one.light or not with_light), None)
 
 
 def _reason(row: Any) -> str:
