@@ -152,6 +152,7 @@ CLOSED_BY = (
     "no room behind the junction",
     "stop sign",
     "people on the crossing",
+    "letting another vehicle in",
 )
 
 

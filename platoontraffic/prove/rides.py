@@ -24,7 +24,7 @@ from platoontraffic.world.traffic import PERSON
 
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
-LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = (f"held: held by {reason}" for reason in CLOSED_BY[1:5])  # at lines
+LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, *_, LETS_IN = (f"held: held by {reason}" for reason in CLOSED_BY[1:])
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -53,8 +53,15 @@ class Stand(NamedTuple):
 
     def is_in_queue_of(self, other: Stand) -> bool:
         """Whether it stands behind the other one's vehicle, and for most of its time while that one does."""
-        together = min(self.ends, other.ends) - max(self.begins, other.begins)
-        return self.behind == other.vehicle and together > self.lasts / 2
+        return self.behind == other.vehicle and self._is_with(other)
+
+    def lets_in_beside(self, other: Stand) -> bool:
+        """Whether it lets a vehicle in while the other one stands on its edge: that one may be it, or before it."""
+        return self.why == LETS_IN and edge_of(self.lane) == edge_of(other.lane) and self._is_with(other)
+
+    def _is_with(self, other: Stand) -> bool:
+        """Whether the other one stands as well for most of its time."""
+        return min(self.ends, other.ends) - max(self.begins, other.begins) > self.lasts / 2
 
 
 class Incident(NamedTuple):

@@ -143,9 +143,9 @@ EVENT_KINDS = {
             "held",
             f"is slower than {HELD_SPEED:g} m/s and less than {HELD_DISTANCE:g} m (both {_SCALED}) before a stop line "
             "that is closed to it: by a light, by right of way, by vehicles beside it before a lane change, for want "
-            "of room behind the junction, by a stop sign, or by people on the crossing. Noted only for laws that are "
-            "given stop lines",
-            ("light", "right_of_way", "lane_change", "no_room", "stop_sign", "people"),
+            "of room behind the junction, by a stop sign, by people on the crossing, or since it lets another vehicle "
+            "in. Noted only for laws that are given stop lines",
+            ("light", "right_of_way", "lane_change", "no_room", "stop_sign", "people", "letting_in"),
         ),
         Kind("released", "the stop line that held it is open again, or behind it, after duration_s"),
         Kind("red_light", "enters a junction from a lane (detail) with a red light; not noted if SUMO drives it"),

@@ -286,6 +286,19 @@ def test_a_queue_behind_one_that_waits_beside_a_queue_is_no_fault_if_that_one_wa
     assert not verdict(ride(stands=(waits, behind._replace(begins=140.0))), own).holds  # that one has left
 
 
+def test_a_member_that_lets_one_in_beside_a_queue_is_no_fault():
+    """In Bologna one let in its predecessor, which stood behind one that waited for 60 s to change to a queue."""
+    queue = Stand("p0.1", 79.0, "behind: behind x", "a_2")
+    waits = Stand("p1.0", 60.0, rides.LANE_CHANGE, "a_1", onto="a_2", begins=5.0)
+    lets_in = Stand("p1.3", 64.0, rides.LETS_IN, "a_1", begins=10.0)
+    behind = Stand("p1.4", 63.0, "behind: behind p1.3", "a_1", begins=12.0)
+    own = ride(stands=(queue,))
+    assert verdict(ride(stands=(waits, lets_in, behind)), own).holds
+    assert not verdict(ride(stands=(waits, lets_in._replace(begins=50.0))), own).holds
+    assert not verdict(ride(stands=(waits, lets_in._replace(lane="b_1"))), own).holds
+    assert not verdict(ride(stands=(waits, lets_in._replace(why=rides.RIGHT_OF_WAY))), own).holds
+
+
 def test_a_member_that_keeps_a_junction_clear_of_such_a_queue_is_no_fault():
     held = Stand("p0.0", 90.0, rides.NO_ROOM, "b_0", queue="a")
     behind = Stand("p0.1", 80.0, "behind: behind p0.0", "c_0")
