@@ -204,8 +204,8 @@ class RoomToChange:
         """Whether a slow vehicle that is not yet on its lane has another one there with its rear beside the own front.
 
         The other one came in between, and does not see what is behind its own front. A member does not see what is
-        beside it either, unless it stands a little behind, and waits for room on the own lane; of two that go over to
-        each other's lanes one waits.
+        beside it either, unless it stands a little behind, and waits for room on the own lane, or lets this one in; of
+        two that go over to each other's lanes one waits.
 
         line: the next one of the route: it begins on the lane on which the vehicle should be
         """
@@ -219,8 +219,8 @@ class RoomToChange:
         for place, before in ((line.lane, 0.0), *((via, now.lane_length[line.lane]) for via in line.via[:1])):
             for name in now.on_lane[place]:
                 front = before + now.position[name]
-                yields = name not in self.members or name in self._beside or self._waits_behind(name, ego)
-                begin = here if yields else here - ego.length
+                waits = name in self._beside or self._waits_behind(name, ego) or name == self._let_in.get(ego.id)
+                begin = here if waits or name not in self.members else here - ego.length
                 if begin < front < here + now.length[name] + BEHIND * ego.size:
                     self._beside.add(ego.id)
                     return True

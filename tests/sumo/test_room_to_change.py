@@ -362,6 +362,32 @@ def test_a_member_goes_over_beside_one_that_stands_behind_and_waits_for_room_on_
     assert change.is_beside(line, Ego("m.0", "road_0", 0.0, CAR.length)) == is_beside
 
 
+@pytest.mark.parametrize(
+    ("let_in", "place", "is_beside"),
+    [
+        ({"m.0": "m.1"}, 27.0, False),
+        ({"m.0": "m.1"}, 31.0, True),  # it could not stop
+        ({"m.2": "m.1"}, 27.0, True),
+        ({}, 27.0, True),
+    ],
+)
+def test_a_member_goes_over_before_one_that_lets_it_in_and_stands_a_little_behind(let_in, place, is_beside):
+    """Both stood for 30 s: the other one could not stop behind the rear of the one that it let in."""
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda lane: ["m.1"] if lane == "road_1" else []
+        ),
+        vehicle=SimpleNamespace(
+            getLength=lambda _: CAR.length, getSpeed=lambda _: 0.0,
+            getLanePosition=lambda name: {"m.0": 30.0, "m.1": place}[name],
+        ),
+    )  # fmt: skip
+    change = RoomToChange(SimpleNamespace(), Reads(client), let_in)
+    change.members = frozenset({"m.0", "m.1"})
+    line = Line(100.0, "M", "", 0, "road_1", "next_0", (":a_0",), 10.0)
+    assert change.is_beside(line, Ego("m.0", "road_0", 0.0, CAR.length)) == is_beside
+
+
 @pytest.mark.parametrize("let_in", [True, False])
 def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
     """It waited 20 s for the queue to leave, and the vehicle that let it in 20 s for the member; then that drove on."""
