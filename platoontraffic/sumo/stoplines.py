@@ -412,7 +412,7 @@ class StopLines:
             return LineState(distance, False, minor, yellow, STOP_SIGN)
         if state not in PRIORITY and not self._way.has_way(line, state, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
-        if not self._is_free_of_people(line, distance, ego):
+        if not self._is_free_of_people(line, distance, ego, until=conflicts.waits):
             return LineState(distance, False, minor, yellow, PEOPLE)
         if not near:
             return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
@@ -424,9 +424,13 @@ class StopLines:
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
         if not self._has_room(line, ego):
             return LineState(distance, False, False, False, NO_ROOM)
-        if len(line.via) > 1 and not self._way.may_cross(line, distance, ego, midway=True):
-            stop = min(conflicts.waits, self._midway(line, 0.0))
-            return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
+        if len(line.via) > 1:
+            is_open, reason = self._way.may_cross(line, distance, ego, midway=True), RIGHT_OF_WAY
+            if is_open and not self._is_free_of_people(line, distance, ego):
+                is_open, reason = False, PEOPLE
+            if not is_open:
+                stop = min(conflicts.waits, self._midway(line, 0.0))
+                return LineState(distance + stop, False, False, yellow, reason)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
 
     def _gives_way(self, line: Line, state: str) -> bool:
@@ -501,13 +505,15 @@ class StopLines:
             ends = now.position[ahead] - now.length[ahead]
         return ends - now.position[name] < FREE_AHEAD * size
 
-    def _is_free_of_people(self, line: Line, distance: float, ego: Ego) -> bool:
+    def _is_free_of_people(self, line: Line, distance: float, ego: Ego, until: float = math.inf) -> bool:
         """Whether nobody on a pedestrian crossing stands where the vehicle drives, or will be there when it comes.
 
         A crossing whose middle is behind its front does not count: the vehicle is in the way there, and leaves it.
+
+        until: crossings that begin so far beyond the line do not count either [m]: it may wait before them
         """
         for walk in self._conflicts[line].walks:
-            if distance + sum(walk.own) / 2 < 0:
+            if distance + sum(walk.own) / 2 < 0 or walk.own[0] >= until:
                 continue
             pace = self._way.pace(line, ego)
             comes = SOONER * pace.time_for(distance + walk.own[0])

@@ -216,6 +216,21 @@ def test_a_line_is_closed_by_people_who_are_or_will_be_in_the_way(where, east_of
     assert lines._is_free_of_people(line, -12.0, Ego("m.0", ":x_0_0", 0.0, 4.74))  # it is past the crossing
 
 
+@pytest.mark.parametrize(("crossing", "stops_at"), [((1.0, 5.0), 1.0), ((50.0, 55.0), 31.0)])
+def test_a_member_waits_for_people_midway_where_they_are_beyond_that_place(monkeypatch, crossing, stops_at):
+    """It stood at its line for whole green lights, for people on the crossing at the other end of a large junction."""
+    lines, line = crossed_by(crossing, (sum(crossing) / 2, 0.0), 0.0, 0.0)
+    (conflicts,) = lines._conflicts.values()
+    line = line._replace(via=(":x_0_0", ":x_1_0"))
+    lines._conflicts[line] = conflicts._replace(waits=30.0)
+    lines._now.max_speed.update({":x_0_0": 9.0, ":x_1_0": 9.0})
+    for name in ("has_way", "may_cross"):
+        monkeypatch.setattr(RightOfWay, name, lambda *_, **__: True)
+    monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
+    state = lines._at_line(line, 1.0, True, Ego("m.0", "in_0", 0.0, 4.74))
+    assert (state.distance, state.open, state.reason) == (stops_at, False, PEOPLE)
+
+
 @pytest.mark.parametrize(("crossing", "stays"), [((6.0, 10.0), True), ((1.0, 4.0), False)])
 def test_a_member_that_waits_midway_stays_there_for_people_ahead_not_for_those_that_it_is_in_the_way_of(
     monkeypatch, crossing, stays
