@@ -24,7 +24,7 @@ from platoontraffic.world.traffic import PERSON
 
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
-LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, *_, LETS_IN = (f"held: held by {reason}" for reason in CLOSED_BY[1:])
+LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, _, _, LETTING_IN = (f"held: held by {one}" for one in CLOSED_BY[1:])
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -57,7 +57,7 @@ class Stand(NamedTuple):
 
     def lets_in_beside(self, other: Stand) -> bool:
         """Whether it lets a vehicle in while the other one stands on its edge: that one may be it, or before it."""
-        return self.why == LETS_IN and edge_of(self.lane) == edge_of(other.lane) and self._is_with(other)
+        return self.why == LETTING_IN and edge_of(self.lane) == edge_of(other.lane) and self._is_with(other)
 
     def _is_with(self, other: Stand) -> bool:
         """Whether the other one stands as well for most of its time."""

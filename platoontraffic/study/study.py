@@ -145,15 +145,14 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), before_code: B
     fixed += [Change.parse(argument, number) for number, argument in enumerate(arguments, start=1)]
     axes = [axis._replace(rows=tuple(tuple(map(located, row)) for row in axis.rows)) for axis in _axes(file, place)]
     keys = tuple(key for axis in axes for key in axis.keys)
-    _check_keys([change for axis in axes for change in axis.rows[0]], fixed)
+    first = [change for axis in axes for change in axis.rows[0]]
+    _check_keys(first, fixed)
     seeds = _seeds(file, place)
     checked = partial(scenario.load, base, seed=seeds[0] if seeds else None, before_code=before_code)
     try:
         left_out = _left_out(file, keys, place)
     except InputError as error:  # a key may be wrong in the grid, and right in the condition
-        raise InputError(
-            *_faults(checked, [*fixed, *(change for axis in axes for change in axis.rows[0])]), *error.faults
-        ) from None
+        raise InputError(*_faults(checked, [*fixed, *first]), *error.faults) from None
     runs = tuple(_runs(_points(file, axes, left_out, place), base, checked, fixed, seeds, source))
     written_out = {
         "name": file.name,
@@ -343,6 +342,7 @@ def _left_out(file: StudyFile, keys: Sequence[str], place: Place) -> list[Condit
 
 
 def _faults(load_base: Callable[[Sequence[Change]], Scenario], changes: Sequence[Change]) -> Sequence[str]:
+    """What is wrong with one point."""
     try:
         load_base(changes)
     except InputError as error:

@@ -42,7 +42,7 @@ from platoontraffic.world import ground
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry
 
-LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE, LETS_IN = range(1, len(CLOSED_BY))
+LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE, LETTING_IN = range(1, len(CLOSED_BY))
 
 SETS_OUT = 1.0  # a vehicle faster than that [m/s], with `FREE_AHEAD` before it, is in no queue
 QUEUE_GAP = 2.5  # between cars of SUMO's that stand in a queue [m]
@@ -251,7 +251,9 @@ class StopLines:
             return state
         distance = place - self._now.position[ego.id]
         distance = ego.line_to_follow(speed, distance, BRAKING) if speed else max(distance, 0.0)
-        return LineState(distance, False, False, False, LETS_IN) if state.open or distance < state.distance else state
+        return (
+            LineState(distance, False, False, False, LETTING_IN) if state.open or distance < state.distance else state
+        )
 
     def _state(self, member: Member, station: float, ego: Ego, k: int) -> LineState:
         """The line that the k-th member must heed; its front bumper is at a station of its route [m].
@@ -387,7 +389,7 @@ class StopLines:
         line = self._at_junction[line, ego.kind]
         found = self._at_line(line, distance, near, ego)
         enters = found.open or found.distance > distance
-        gives_way = found.minor and found.reason in (RIGHT_OF_WAY, LETS_IN) and distance <= LOOK * ego.length
+        gives_way = found.minor and found.reason in (RIGHT_OF_WAY, LETTING_IN) and distance <= LOOK * ego.length
         if near and (enters or gives_way):
             self._way.note_waiting(line, distance, ego)
         if near and enters:
@@ -417,7 +419,7 @@ class StopLines:
         if not near:
             return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
         if self._way.is_asked(ego.id, line.lane):
-            return LineState(distance, False, minor, yellow, LETS_IN)
+            return LineState(distance, False, minor, yellow, LETTING_IN)
         if state in PRIORITY and conflicts.swings and not self._way.may_cross(line, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if line.light and not self._is_cleared(line):

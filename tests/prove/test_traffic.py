@@ -290,7 +290,7 @@ def test_a_member_that_lets_one_in_beside_a_queue_is_no_fault():
     """In Bologna one let in its predecessor, which stood behind one that waited for 60 s to change to a queue."""
     queue = Stand("p0.1", 79.0, "behind: behind x", "a_2")
     waits = Stand("p1.0", 60.0, rides.LANE_CHANGE, "a_1", onto="a_2", begins=5.0)
-    lets_in = Stand("p1.3", 64.0, rides.LETS_IN, "a_1", begins=10.0)
+    lets_in = Stand("p1.3", 64.0, rides.LETTING_IN, "a_1", begins=10.0)
     behind = Stand("p1.4", 63.0, "behind: behind p1.3", "a_1", begins=12.0)
     own = ride(stands=(queue,))
     assert verdict(ride(stands=(waits, lets_in, behind)), own).holds

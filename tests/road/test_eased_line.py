@@ -224,6 +224,12 @@ def test_in_a_sharp_bend_that_is_cut_the_body_reaches_as_far_to_either_side(radi
     assert inside < model.length / 6
 
 
+def test_a_vehicle_that_is_too_wide_for_that_may_cut_bends_by_more():
+    """With less, in a roundabout of two lanes, vans and trucks swung out over the lane beside more often."""
+    assert corridor_of(1.8) == pytest.approx((0.504, 0.252))
+    assert corridor_of(2.4) == pytest.approx((0.672, 0.672))
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     steps=st.lists(st.floats(4.0, 25.0), min_size=3, max_size=25),
