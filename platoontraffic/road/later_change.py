@@ -62,7 +62,7 @@ def with_later_change(
              room for it
     """
     lane, width, begin = _place_of(change, network)
-    changes = _changes_from(route, change)
+    changes = _changes_from(route.lines, change)
     target, across = index_of(changes[-1].onto), changes[-1].station + changes[-1].across - change.station
     whole = changes_length(width, longest, _lanes_crossed(changes), len(changes))
     later = min(begin + by, begin + change.to_end - whole - model.length)  # so that it comes to the line straight
@@ -85,7 +85,7 @@ def with_sooner_change(route: Route, change: Line, by: float, network: Network, 
              edge, before the vehicle is straight on its lane after another change, or where it would hardly be sooner
     """
     lane, width, begin = _place_of(change, network)
-    changes, length, i = _changes_from(route, change), begin + change.to_end, route.lines.index(change)
+    changes, length, i = _changes_from(route.lines, change), begin + change.to_end, route.lines.index(change)
     begin -= by
     if route.closed or begin < LEAD_IN * model.length:
         return None
@@ -107,7 +107,7 @@ def latest(route: Route, change: Line, width: float, length: float) -> float:
 
     width, length : of the lane, and of the vehicle [m]
     """
-    changes = _changes_from(route, change)
+    changes = _changes_from(route.lines, change)
     shortest = changes_length(width, 0.0, _lanes_crossed(changes), len(changes))
     return max(change.to_end - shortest - length, 0.0)
 
@@ -118,13 +118,14 @@ def longest_later(route: Route, change: Line, by: float, width: float, length: f
     A longer one would end beyond the lane's end.
     """
     spare = latest(route, change, width, length) - by
-    return change_length(width, 0.0) + max(spare, 0.0) / _lanes_crossed(_changes_from(route, change))
+    return change_length(width, 0.0) + max(spare, 0.0) / _lanes_crossed(_changes_from(route.lines, change))
 
 
 def with_change_beyond(route: Route, change: Line, network: Network, model: VehicleModel) -> Route | None:
     """The route without one of its lane changes, and the next ones on its edge, and with others beyond instead.
 
-    returns: as of `with_later_change`; None also where its lane does not lead on, or there would be less room for it
+    returns: as of `with_later_change`; None also where its lane does not lead on, or there would be less room for each
+             lane that is crossed
     """
     if route.closed:
         return None
@@ -135,8 +136,9 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     except InputError:
         return None
     lines = *onward.route.lines[onward.before :], *onward.rest
-    room = min((line.to_end for line in _first_changes(lines)), default=math.inf)
-    if room < min(change.to_end, ENOUGH_ROOM):
+    firsts = _first_changes(lines)
+    room = min((first.to_end / _lanes_crossed(_changes_from(lines, first)) for first in firsts), default=math.inf)
+    if room < min(change.to_end / _lanes_crossed(_changes_from(route.lines, change)), ENOUGH_ROOM):
         return None
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - join, onward.entered + begin - join
@@ -188,10 +190,10 @@ def _place_of(change: Line, network: Network) -> tuple[int, float, float]:
     return lane, network.lane_width(edge, lane), max(begin, SPACING)  # on a very short edge, changes are longer than it
 
 
-def _changes_from(route: Route, change: Line) -> list[Line]:
+def _changes_from(lines: Sequence[Line], change: Line) -> list[Line]:
     """A lane change, and the next ones on its edge to the same side."""
     side = index_of(change.onto) - index_of(change.lane)
-    onward = takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :])
+    onward = takewhile(lambda line: line.state == CHANGING, lines[lines.index(change) :])
     return list(takewhile(lambda line: (index_of(line.onto) - index_of(line.lane)) * side > 0, onward))
 
 

@@ -325,6 +325,18 @@ def test_a_change_is_put_off_to_an_edge_with_enough_room_only(monkeypatch):
     assert with_change_beyond(route, route.lines[0], network, CAR) is None
 
 
+@pytest.mark.parametrize(("length", "is_put_off"), [(70, True), (50, False)])
+def test_a_change_is_put_off_to_an_edge_with_as_much_room_for_each_lane_that_is_crossed(tmp_path, length, is_put_off):
+    """In a city one put a change off to 24 m before a queue, with two lanes to cross there: it stood for 93 s."""
+    nodes = {"o": (-200, 0), "a": (0, 0), "b": (30, 0), "c": (30 + length, 0), "d": (500, 0)}
+    edges = {"O": ("oa", 2), "A": ("ab", 2), "B": ("bc", 3), "C": ("cd", 1)}
+    network = built(tmp_path, nodes, edges, [("O0", "A0"), ("O1", "A1"), ("A0", "B0"), ("A1", "B2"), ("B2", "C0")])
+    route = Route.along("OABC", *network.route_lanes("OABC", 0, change=Change(1, 0, 1))).drivable_by(CAR)
+    (change,) = (line for line in route.lines if line.state == CHANGING)
+    assert (change.lane, change.onto) == ("A_0", "A_1")
+    assert (with_change_beyond(route, change, network, CAR) is not None) is is_put_off
+
+
 @pytest.mark.parametrize(("lane", "onto", "side"), [(0, 1, 1), (1, 0, -1)])
 def test_another_lane_is_taken_at_once_and_kept_until_the_end_of_the_edge(lane, onto, side):
     network, edges = network_of("highway"), ("e0_e1", "e1_e2", "e2_e3")
