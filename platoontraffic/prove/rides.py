@@ -168,7 +168,8 @@ def _stands(
             why, trip = _reason(row), trips[vehicle]
             line = _junction_ahead(lane, trip, with_light=why == LIGHT)
             queue = edge_of(line.onto) if line and why == NO_ROOM else ""
-            changes = (one.onto for one in trip.lines if one.state == CHANGING and one.lane == lane)
+            ahead = dropwhile(lambda one, at=lane: at not in (one.lane, *one.via), trip.lines)
+            changes = (one.onto for one in ahead if one.state == CHANGING)  # on the lane of its front, or the next one
             onto = next(changes, "") if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
             closed = network.longest_closed.get((line.light, line.index), 0.0) if line and why == LIGHT else 0.0

@@ -6,7 +6,7 @@ import json
 import math
 import shutil
 import xml.etree.ElementTree as ET
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -362,6 +362,20 @@ def test_a_standstill_at_a_line_tells_what_lies_beyond():
         assert [stands[name].queue for name in why] == ["b" if ahead else "", "", ""]
         assert [stands[name].onto for name in why] == ["", "", "a_1" if lane == "a_0" else ""]
         assert [stands[name].unregulated for name in why] == [False, ahead and unregulated, False]
+
+
+@pytest.mark.parametrize(("lane", "onto"), [("z_0", "a_1"), (":k_0_0", "a_1"), ("a_0", "a_1"), ("a_1", "")])
+def test_who_waits_for_a_lane_change_may_be_with_its_body_on_the_lane_before(lane, onto):
+    """The place of a standstill is that of the middle of the body; its front stands at the begin of the change."""
+    enter, cross = (
+        Line(at, "M", "", 0, before, beyond, (via,), 8.0)
+        for at, before, beyond, via in ((2.0, "z_0", "a_0", ":k_0_0"), (50.0, "a_1", "b_0", ":j_0_0"))
+    )
+    trip = TRIP._replace(lines=(enter, Line(10.0, "change", "", 0, "a_0", "a_1", (), 20.0), cross))
+    row = (30.0, "standstill", "p", "", "", "held", "since 20.000 s, held by lane change", np.nan)
+    network = SimpleNamespace(lanes_at=lambda x, y: [lane], unregulated=frozenset(), longest_closed={})
+    (stand,) = _stands(events(row).assign(x_m=0.0, y_m=0.0), 99.0, pd.Series(dtype=float), network, {"p": trip})
+    assert stand.onto == onto
 
 
 def test_contacts_where_lanes_overlap_are_no_fault_but_printed(capsys):
