@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence, Set
 from typing import NamedTuple
 
 import numpy as np
@@ -49,11 +49,14 @@ compiled = compiler(__file__)
 
 
 class Crossing(NamedTuple):
-    """Two paths through a junction that meet; distances from the line of each [m]."""
+    """A place in a junction where two paths meet; distances from the line of each [m].
+
+    Two paths have several where the own vehicle has room between them, as where the other path turns about.
+    """
 
     before: str  # lane from which the foe comes
     via: tuple[str, ...]  # its lanes inside the junction
-    own: tuple[float, float]  # where the own path meets it, and where they part
+    own: tuple[float, float]  # where the own path meets the other one, and where they part
     its: tuple[float, float]
     merges: bool  # onto the same lane
     first: bool  # the foe has priority, or nobody has
@@ -81,6 +84,15 @@ class Sampled(NamedTuple):
 
 
 Span = tuple[float, float]  # the first and the last station of a stretch of a line [m]
+
+
+class Place(NamedTuple):
+    """Where two lines are less than a distance from each other."""
+
+    own: Span
+    its: Span
+    own_line: Sampled  # the own line there, and a little farther, without other such places
+    its_line: Sampled
 
 
 class Paths(Once):
@@ -118,7 +130,7 @@ class Conflicts(NamedTuple):
     """What a stop line must be judged by; constant during a run."""
 
     entering: tuple[tuple[str, float], ...]  # priority lanes, and the distance from each one's end to the junction [m]
-    crossings: dict[str, Crossing]  # by the foe's first lane inside the junction
+    crossings: tuple[Crossing, ...]
     walks: tuple[Walk, ...]
     waits: float  # where the own path may wait midway [m]; inf: nowhere
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
@@ -132,7 +144,7 @@ class Conflicts(NamedTuple):
         width = lane.getWidth(line.lane)
         own, model = paths[line.via, line.onto, SAMPLED * width], CARS[line.kind]
         front = _front_along(own, model.width / 2)
-        crossings: dict[str, Crossing] = {}
+        crossings: list[Crossing] = []
         inner = {name for via in line.via for name in lane.getInternalFoes(via)} - set(line.via)
         unregulated = not network.unregulated.isdisjoint(line.via)  # SUMO knows no foes there
         if unregulated:
@@ -143,37 +155,39 @@ class Conflicts(NamedTuple):
             for via, onto in paths.links[before]:
                 if inner.isdisjoint(via) or (before == line.lane and via == line.via):
                     continue
-                merges = onto == line.onto
                 its = paths[via, onto, SAMPLED * width]
-                met = _met(own, its, APART * width)
-                if met is None:
-                    continue
-                touches = _touches(front, its, TOUCHES * width)
                 waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
-                fastest = min(map(lane.getMaxSpeed, via))
-                is_first = unregulated or before in foes
-                blocks = math.inf
-                if not merges and waits < math.inf:
-                    blocks = _touches(_front_along(its, CARS["car"].width / 2), own, TOUCHES * width)
-                crossings[via[0]] = Crossing(
-                    before, via, *met, merges, is_first, waits, fastest, touches, blocks=blocks
-                )
+                fastest, is_first = min(map(lane.getMaxSpeed, via)), unregulated or before in foes
+                places = [*_places(own, its, APART * width, model.length)]
+                for place in places:
+                    merges = onto == line.onto and place is places[-1]
+                    touches, blocks = _touches(front, place.its_line, TOUCHES * width), math.inf
+                    if not merges and waits < math.inf:
+                        its_front = _front_along(its, CARS["car"].width / 2)
+                        blocks = _touches(its_front, place.own_line, TOUCHES * width)
+                    crossings.append(
+                        Crossing(
+                            before, via, place.own, place.its, merges, is_first, waits, fastest, touches, blocks=blocks
+                        )
+                    )
         is_sharp = _curvature(own) > SHARP / model.turning_radius
-        found = _swung_over(line, model, width, crossings, network, sumo, paths) if is_sharp else {}
-        crossings |= found
-        entering = sorted({crossing.before for crossing in crossings.values() if crossing.first})
+        met = {one.via[0] for one in crossings}
+        found = _swung_over(line, model, width, met, network, sumo, paths) if is_sharp else []
+        crossings += found
+        entering = sorted({crossing.before for crossing in crossings if crossing.first})
         fastest = max(map(lane.getMaxSpeed, entering), default=0.0)
         watched = fastest * (SLOWEST.time_for(line.across + CAR_LENGTH) + FIRST_MARGIN)
         upstream = dict(one for name in reversed(entering) for one in network.upstream(name, watched))
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
-        narrow = tuple(_narrow(line, crossings, inner, network, sumo, paths))
-        return cls(tuple(upstream.items()), crossings, walks, waits, bool(found), narrow)
+        met |= {one.via[0] for one in found}
+        narrow = tuple(_narrow(line, met, inner, network, sumo, paths))
+        return cls(tuple(upstream.items()), tuple(crossings), walks, waits, bool(found), narrow)
 
 
 def _narrow(
     line: Line,
-    met: Mapping[str, Crossing],
+    met: Set[str],
     inner: set[str],
     network: Network,
     sumo: Client,
@@ -197,16 +211,19 @@ def _swung_over(
     line: Line,
     model: Car,
     width: float,
-    met: Mapping[str, Crossing],
+    met: Set[str],
     network: Network,
     sumo: Client,
     paths: Paths,
-) -> dict[str, Crossing]:
-    """The crossings of paths to other lanes of the edge beyond, over which the vehicle's front swings out."""
+) -> list[Crossing]:
+    """The crossings of paths to other lanes of the edge beyond, over which the vehicle's front swings out.
+
+    met: first lanes inside of those that it meets anyway
+    """
     edge, own = edge_of(line.onto), index_of(line.onto)
     others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != own]
     corners = _front(line, model, sumo) if others else ()
-    found: dict[str, Crossing] = {}
+    found: list[Crossing] = []
     for onto in others:
         inside = {name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)}
         for before in sorted(
@@ -223,7 +240,7 @@ def _swung_over(
                     continue
                 swung = tuple((min(of_one)[0], max(end for _, end in of_one)) for of_one in zip(*spans, strict=True))
                 fastest = min(map(sumo.lane.getMaxSpeed, via))
-                found[via[0]] = Crossing(before, via, *swung, False, True, math.inf, fastest, swung[0][0], True)
+                found.append(Crossing(before, via, *swung, False, True, math.inf, fastest, swung[0][0], True))
     return found
 
 
@@ -295,11 +312,37 @@ def _sampled(line: np.ndarray, step: float) -> Sampled:
 
 def _met(one: Sampled, other: Sampled, apart: float) -> tuple[Span, Span] | None:
     """Where each of two lines is less than a distance [m] from points of the other; None: nowhere."""
-    first, last, its_first, its_last = _near(one.points, other.points, apart)
-    if last < 0:
-        return None
-    mine, its = one.stations, other.stations
-    return (float(mine[first]), float(mine[last])), (float(its[its_first]), float(its[its_last]))
+    first, last = _near(one.points, other.points, apart)
+    rows = np.flatnonzero(last >= 0)
+    return (_span(one, rows[0], rows[-1]), _span(other, first[rows].min(), last.max())) if len(rows) else None
+
+
+def _places(own: Sampled, other: Sampled, apart: float, between: float) -> Iterator[Place]:
+    """Where two lines are less than a distance from each other [m], along the own one.
+
+    between: length of the own line between two places, at least [m]
+    """
+    first, last = _near(own.points, other.points, apart)
+    rows = np.flatnonzero(last >= 0)
+    if not len(rows):
+        return
+    parts = np.split(rows, 1 + np.flatnonzero(np.diff(own.stations[rows]) >= between))
+    for part in parts:
+        mine, its = _span(own, part[0], part[-1]), _span(other, first[part].min(), last[part].max())
+        if len(parts) == 1:
+            yield Place(mine, its, own, other)
+        else:
+            yield Place(mine, its, _about(own, mine, apart), _about(other, its, apart))
+
+
+def _span(line: Sampled, first: int, last: int) -> Span:
+    return float(line.stations[first]), float(line.stations[last])
+
+
+def _about(line: Sampled, span: Span, more: float) -> Sampled:
+    """A stretch of a line, and so much more at both ends [m]."""
+    there = (line.stations >= span[0] - more) & (line.stations <= span[1] + more)
+    return Sampled(line.stations[there], line.points[there])
 
 
 def load() -> None:
@@ -352,9 +395,9 @@ def _at_equal_distances(line, step):
 
 @compiled
 def _near(points, others, apart):
-    """The first and the last of points (k, 2) that is less than a distance from one of the others (l, 2), and of those;
-    the last ones are -1 where there are none."""
-    first, last, its_first, its_last = len(points), -1, len(others), -1
+    """The first and the last of other points (l, 2) that each of points (k, 2) is less than a distance from; last is
+    -1 where there are none. Returns: (k,), (k,)."""
+    first, last = np.full(len(points), len(others)), np.full(len(points), -1)
     # Most points are not near even the box round the others.
     x, y, reach = others[:, 0], others[:, 1], apart * (1 + ROUNDED)
     left, right, bottom, top = x.min() - reach, x.max() + reach, y.min() - reach, y.max() + reach
@@ -368,8 +411,8 @@ def _near(points, others, apart):
             if squares > apart * apart * (1 + ROUNDED):
                 continue
             if squares < apart * apart * (1 - ROUNDED) or math.hypot(dx, dy) < apart:
-                first, last, its_first, its_last = min(first, i), i, min(its_first, k), max(its_last, k)
-    return first, last, its_first, its_last
+                first[i], last[i] = min(first[i], k), max(last[i], k)
+    return first, last
 
 
 def _curvature(line: Sampled) -> float:

@@ -106,7 +106,8 @@ class RightOfWay:
         self._profiles = Once(Ego.profile)
         # For the whole run: paths on which vehicles wait midway, and the lanes inside the junction of all that cross.
         self._waiting_in_path = Once(lambda line: [*self._waiters(line)])
-        self._crossing_lanes = Once(lambda line: [via for one in conflicts[line].crossings.values() for via in one.via])
+        self._crossing_lanes = Once(lambda line: [via for one in conflicts[line].crossings for via in one.via])
+        self._by_path = Once(lambda line: _by_path(conflicts[line].crossings))
         self.stops: dict[str, float] = {}
         self._inside_between = Once(self._between)
         # States of links without a light: by the lane before, and the first lane inside.
@@ -119,8 +120,8 @@ class RightOfWay:
         self._asked: dict[str, tuple[str, float, float]] = {}
         # Members that had a gap at the last look, and that have one now; at the end of which lane, and whether beyond
         # the place midway.
-        self._went: set[tuple[str, str, bool]] = set()
-        self._goes: set[tuple[str, str, bool]] = set()
+        self._went: set[tuple[str, str, bool, float]] = set()
+        self._goes: set[tuple[str, str, bool, float]] = set()
         self.members: frozenset[str] = frozenset()  # their ids ...
         self.obedient: frozenset[str] = frozenset()  # ... and of those with a law that heeds lines
 
@@ -147,7 +148,16 @@ class RightOfWay:
             return self._is_its_turn(line, distance, ego)
         return self.may_cross(line, distance, ego, state=state)
 
-    def may_cross(self, line: Line, distance: float, ego: Ego, *, midway: bool = False, state: str = "m") -> bool:
+    def may_cross(
+        self,
+        line: Line,
+        distance: float,
+        ego: Ego,
+        *,
+        midway: bool = False,
+        until: float = math.inf,
+        state: str = "m",
+    ) -> bool:
         """Whether there is a gap among all priority vehicles.
 
         One that had a gap at the last look, and drives, goes on with half the margin, or without any where it cannot
@@ -155,29 +165,30 @@ class RightOfWay:
 
         distance: to the junction [m]
         midway  : judged for what is met after the place where it may wait midway; else for what is met before it
+        until   : with midway: judged for what is met before a place so far beyond the line [m]
         """
         foes = [*self._coming(line, ego, state), *self._first_inside[line]]
         if state in ZIPPER:  # the nearer one goes first, and one that stands inside may set out at any time
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
-        key, swings = (ego.id, line.lane, midway), self._conflicts[line].swings
+        key, swings = (ego.id, line.lane, midway, until), self._conflicts[line].swings
         stood = self._waited(line, distance, ego) if swings or state not in EQUAL else 0.0
         if not foes:
             self._goes.add(key)
             return True
-        enters = distance + self._conflicts[line].waits if midway else distance
+        enters = distance + self._conflicts[line].waits if midway and until == math.inf else distance
         if swings and stood >= SWINGS_OUT_AFTER:
             beside = [foe._replace(pace=Pace(foe.pace.speed)) for foe in foes if foe.crossing.swings]
             foes = [foe for foe in foes if not foe.crossing.swings]
             waits = stood < SWINGS_OUT_LONGEST and ego.speed < STANDING
-            met = self._met(line, beside, distance, midway, ego.length) if waits else []
+            met = self._met(line, beside, distance, midway, ego.length, until=until) if waits else []
             if not self._has_gap_among(met, line, distance, ego, 0.0, enters):
                 return False
         # Where no lane has priority, it is not known which vehicle came first.
         waited = 0.0 if state in EQUAL else stood
         if waited > WATCHES_QUEUES_AFTER:
             foes = [self._in_queue(foe) for foe in foes]
-        met = self._met(line, foes, distance, midway, ego.length, _still_clear(ego))
+        met = self._met(line, foes, distance, midway, ego.length, _still_clear(ego), until)
         margin = margin_after(waited)
         if key in self._went and ego.speed >= STANDING:
             can_stop = ego.speed**2 / (2 * STOPS_BY) < enters + OVERRUN * ego.size
@@ -345,7 +356,7 @@ class RightOfWay:
 
     def _waiters(self, line: Line) -> Iterator[Crossing]:
         """Paths on which vehicles wait midway, where they are in the way."""
-        for crossing in self._conflicts[line].crossings.values():
+        for crossing in self._conflicts[line].crossings:
             if not crossing.merges and crossing.its[0] < crossing.waits < math.inf:
                 yield crossing
 
@@ -418,6 +429,7 @@ class RightOfWay:
         midway: bool,
         length: float = math.inf,
         still_clear: float = 0.0,
+        until: float = math.inf,
     ) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway.
 
@@ -428,11 +440,13 @@ class RightOfWay:
 
         length     : of the vehicle [m]
         still_clear: `_still_clear`
+        until      : as of `may_cross`
         """
         begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
         if midway:
             clear = distance + still_clear
-            return [foe for foe, own, touches in begins if own + distance > 0 or 0 < touches + clear < math.inf]
+            ahead = (one for one in begins if one[1] + distance > 0 or 0 < one[2] + clear < math.inf)
+            return [foe for foe, own, touches in ahead if (touches if touches < math.inf else own) < until]
         waits = self._conflicts[line].waits
         if waits < math.inf:
             waits = min(waits, WAITS_FROM * length)
@@ -474,7 +488,7 @@ class RightOfWay:
         convoy. A vehicle behind one that stands midway, before the own path, does not count: that one stays while a
         member is inside.
         """
-        conflicts, now, found = self._conflicts[line], self._now, []
+        conflicts, crossings, now, found = self._conflicts[line], self._by_path[line], self._now, []
         closed = {
             crossing.via[0]
             for crossing in self._waiting_in_path[line]
@@ -487,9 +501,8 @@ class RightOfWay:
                 if speed < STANDING:
                     stands = Standing(foe, to_line)
                 inside, state = self._links_ahead(foe, name)
-                via = next((one for one in inside if one in conflicts.crossings), None)
-                crossing = conflicts.crossings.get(via)
-                if crossing is None or not crossing.first or state in RED or via in closed:
+                via = next((one for one in inside if one in crossings), "")
+                if not via or not crossings[via][0].first or state in RED or via in closed:
                     continue
                 stops_here = inside[0] == via and (foe in self.obedient or foe not in self.members)
                 if state in YELLOW and stops_here and speed**2 / (2 * STOPS_BY) < to_line:
@@ -499,7 +512,8 @@ class RightOfWay:
                 if state in STOP and inside[0] == via and speed >= STANDING:
                     stops_after = max(to_line, 0.0) / speed + speed / (2 * STOPS_BY)
                     to_line, paces = 0.0, (hurrying._replace(speed=0.0, delay=stops_after),) * 2
-                found.append((*(Approach(foe, crossing, to_line, pace) for pace in paces), ahead))
+                for one in crossings[via]:
+                    found.append((*(Approach(foe, one, to_line, pace) for pace in paces), ahead))
         return found
 
     def _stands_before(self, foe: Approach) -> bool:
@@ -548,7 +562,7 @@ class RightOfWay:
         on_lane.look_up(lanes)
         if not any(map(on_lane.__getitem__, lanes)):  # as at most lines
             return []
-        return [one for one in self._conflicts[line].crossings.values() if any(map(on_lane.__getitem__, one.via))]
+        return [one for one in self._conflicts[line].crossings if any(map(on_lane.__getitem__, one.via))]
 
     def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:
         """Vehicles inside the junction whose paths cross the own one.
@@ -637,14 +651,14 @@ class RightOfWay:
     def _at_lines(self, line: Line) -> Iterator[Approach]:
         """The first vehicle on each crossing lane, if it stands at its line or has stood there."""
         now, conflicts = self._now, self._conflicts[line]
-        for before in sorted({crossing.before for crossing in conflicts.crossings.values()} - {line.lane}):
+        for before in sorted({crossing.before for crossing in conflicts.crossings} - {line.lane}):
             names = now.on_lane[before]
             if not names:
                 continue
             foe = names[-1]
             to_line = now.lane_length[before] - now.position[foe]
             inside, _ = self._links_ahead(foe, before)
-            crossing = conflicts.crossings.get(inside[0]) if inside else None
+            crossing = self._by_path[line].get(inside[0], [None])[0] if inside else None
             if crossing and self._stood_since(foe, before, to_line, now.length[foe]) is not None:
                 yield Approach(foe, crossing, to_line, Pace(now.speed[foe], now.acceleration[foe], crossing.fastest))
 
@@ -673,6 +687,14 @@ class RightOfWay:
         if departs or not self._has_gap_among(inside, line, distance, ego, 0.0, distance):
             return False
         return time - still > SETS_OUT_AFTER + NEXT_IN_TURN * (len(earlier) - 1) if earlier else True
+
+
+def _by_path(crossings: Iterable[Crossing]) -> dict[str, list[Crossing]]:
+    """The crossings with each path, by its first lane inside the junction."""
+    found: dict[str, list[Crossing]] = {}
+    for one in crossings:
+        found.setdefault(one.via[0], []).append(one)
+    return found
 
 
 def _state_of(links: Iterable[Sequence], inside: str) -> str:

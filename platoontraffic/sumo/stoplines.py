@@ -68,9 +68,7 @@ class StopLines:
         self._judged = Once(lambda passed: JudgedLine.of(*passed, network))
         self._at_junction = Once(lambda passed: self._judged[passed[0]._replace(station=0.0), passed[1]])
         # Whether vehicles from elsewhere cross the path, by line.
-        self._is_crossed = Once(
-            lambda line: any(one.before != line.lane for one in self._conflicts[line].crossings.values())
-        )
+        self._is_crossed = Once(lambda line: any(one.before != line.lane for one in self._conflicts[line].crossings))
         self._has_looked = False  # `signals` has asked SUMO since its last step
         self._way = RightOfWay(sumo, self._now, self._conflicts)
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else {})
@@ -333,7 +331,7 @@ class StopLines:
             is_open, reason = self._way.may_cross(line, -driven, ego, midway=True), RIGHT_OF_WAY
             if is_open and not self._is_free_of_people(line, -driven, ego):
                 is_open, reason = False, PEOPLE
-            stop = min(inside, self._midway(line, driven - OVERRUN * ego.size)) - driven
+            stop = min(inside, self._midway(line, driven - OVERRUN * ego.size, -driven, ego)) - driven
             if (before := self._way.stop_before_foes(line, driven, ego)) < math.inf:
                 is_open, reason, stop = False, RIGHT_OF_WAY, min(stop, before)
             may_stop = ego.speed < STANDING or ego.speed**2 / (2 * EARLY_BRAKING) < stop
@@ -354,17 +352,35 @@ class StopLines:
                 return LineState(stop, False, False, False, RIGHT_OF_WAY)
         return None
 
-    def _midway(self, line: Line, driven: float) -> float:
-        """Where a front that is so far beyond the line comes into the way of vehicles with priority [m]; inf: nowhere.
+    def _midway(self, line: Line, driven: float, distance: float, ego: Ego) -> float:
+        """Where the front of a vehicle that waits inside a junction is, beyond the line [m]; inf: nobody is to come.
 
-        SUMO's place midway may lie beyond that: its vehicles pass through each other there.
+        It is the farthest place at which the vehicle is in the way of none of those with priority, and before which it
+        may pass them, or the place where its front comes into the way of the first of them. SUMO's place midway may lie
+        beyond that: its vehicles pass through each other there.
+
+        driven  : paths into whose way its front came before this place do not count [m]
+        distance: of its front from the line [m]; negative: beyond it
         """
-        crossings = self._conflicts[line].crossings.values()
-        ahead = [one for one in crossings if one.first and one.touches > driven]
+        crossings, waits = self._conflicts[line].crossings, self._conflicts[line].waits
+        ahead = [one for one in crossings if one.first and driven < one.touches < math.inf]
         if not ahead:
             return math.inf
         changes = line.light and self._now.next_switch[line.light] - self._sumo.simulation.getTime() < CHANGES_SOON
-        return min((one.touches for one in ahead if changes or self._may_come(one)), default=math.inf)
+        coming = sorted((one.touches, one.own[1]) for one in ahead if changes or self._may_come(one))
+        if not coming:
+            return math.inf
+        places, clear = [], -math.inf
+        for touches, leaves in [*coming, (math.inf, math.inf)]:
+            if not places or clear <= min(touches, waits) < math.inf:
+                places.append(min(touches, waits))
+            if touches >= waits:
+                break
+            clear = max(clear, leaves + ego.length)
+        may_pass = (
+            place for place in places[:0:-1] if self._way.may_cross(line, distance, ego, midway=True, until=place)
+        )
+        return next(may_pass, places[0])
 
     def _may_come(self, crossing: Crossing) -> bool:
         """Whether no red light stops the vehicles on another path."""
@@ -430,8 +446,10 @@ class StopLines:
             is_open, reason = self._way.may_cross(line, distance, ego, midway=True), RIGHT_OF_WAY
             if is_open and not self._is_free_of_people(line, distance, ego):
                 is_open, reason = False, PEOPLE
+            stop = math.inf if is_open else min(conflicts.waits, self._midway(line, 0.0, distance, ego))
+            if self._queues_on_walk(line, stop, ego):
+                return LineState(distance, False, minor, yellow, NO_ROOM)
             if not is_open:
-                stop = min(conflicts.waits, self._midway(line, 0.0))
                 return LineState(distance + stop, False, False, yellow, reason)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
 
@@ -482,7 +500,7 @@ class StopLines:
         inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
         if midway:
             inside[0] = [name for name in inside[0] if now.position[name] > now.position[ego.id]]
-        crossings = self._conflicts[line].crossings.values()
+        crossings = self._conflicts[line].crossings
         left = now.position[onto[last]] - now.length[onto[last]]
         merging = chain.from_iterable(one.via for one in crossings if one.merges)
         standing = [name for via in merging for name in now.on_lane[via] if now.speed[name] < STANDING]
@@ -491,6 +509,22 @@ class StopLines:
             now.length[name] + (ego.keeps if name in self._way.members else QUEUE_GAP * size) for name in before
         )
         return left > taken + length + ego.keeps
+
+    def _queues_on_walk(self, line: Line, midway: float, ego: Ego) -> bool:
+        """Whether a vehicle would stand on a pedestrian crossing, behind those that wait midway before it.
+
+        midway: place at which the first of them waits, beyond the line [m]; inf: it need not
+        """
+        now, walks, front = self._now, self._conflicts[line].walks, midway
+        before = [name for name in now.on_lane[line.via[0]] if name != ego.id] if walks else ()
+        for name in reversed(before):
+            takes = now.length[name] + QUEUE_GAP * ego.size
+            if now.speed[name] < STANDING:
+                front = min(front, now.position[name] - takes)
+            elif now.position[name] < front:
+                front -= takes
+        is_on = any(walk.own[0] < front and front - ego.length < walk.own[1] for walk in walks)
+        return bool(before) and (is_on or front <= 0)
 
     def _queues(self, onto: Sequence[str], k: int, line: Line, size: float) -> bool:
         """Whether the k-th vehicle on the lane behind a junction, from the last one on, stands, or soon will.

@@ -26,7 +26,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo import conflicts
-from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing, Sampled, _path
+from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing, Sampled, Walk, _path
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.far_lines import FarLines
 from platoontraffic.sumo.lane_choice import LaneChoice
@@ -466,7 +466,7 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
         ),
         simulation=SimpleNamespace(getTime=lambda: 0.0),
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((), (crossing,), (), np.inf)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [])
     inside = [Approach("c", crossing, -8.0, Pace(0.0))]
@@ -485,7 +485,7 @@ def test_a_line_at_which_a_member_gives_way_is_closed_until_it_has_looked(monkey
     """A slow one need not begin to brake yet where it begins to look."""
     line = Line(0.0, state, "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: Conflicts((("before_0", 0.0),), {}, (), np.inf))
+    lines._conflicts = defaultdict(lambda: Conflicts((("before_0", 0.0),), (), (), np.inf))
     ego = Ego("m.0", "road_0", speed, CAR.length)
     looked = []
     monkeypatch.setattr(RightOfWay, "has_stood", lambda *_: True)
@@ -499,7 +499,7 @@ def test_a_member_that_stops_midway_looks_at_its_line_again(monkeypatch):
     """The place where it stops is far, its line is not."""
     line = Line(110.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._at_junction, lines._conflicts = {(line, "car"): line}, {line: Conflicts((), {}, (), np.inf)}
+    lines._at_junction, lines._conflicts = {(line, "car"): line}, {line: Conflicts((), (), (), np.inf)}
     ego = Ego("m.0", "road_0", 2.0, CAR.length)
     lines._far = FarLines([ego])
     monkeypatch.setattr(StopLines, "_ahead", lambda *_: LineState(30.0, False, False, False, 2))
@@ -533,7 +533,7 @@ def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed,
     """It has 9 m to the conflict area: 11 s at 0.8 m/s, but 2.3 s by 2.6 m/s2. One that stands there waits."""
     line = Line(100.0, "w", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (6.0, 11.0), (10.0, 15.0), False, True, np.inf, 10.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((), (crossing,), (), np.inf)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way._now = SimpleNamespace(
         on_lane=Once({":a_1": ["c"]}.__getitem__), lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0},
@@ -559,7 +559,7 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
     """A left-turner had stood midway, and counted as held up; it set out with the member, which struck it."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (5.0, 12.0), False, True, np.inf, 10.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((), (crossing,), (), np.inf)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way._now = SimpleNamespace(
@@ -594,7 +594,7 @@ def test_a_vehicle_in_the_junction_that_is_slower_than_it_was_to_be_stops_for_th
     """One that had set out in a gap was held up by a vehicle that stood inside, and drove on before the next one."""
     line = Line(100.0, passed, "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (5.0, 12.0), False, True, np.inf, 10.0)
-    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: Conflicts((), {}, (), np.inf)})
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: Conflicts((), (), (), np.inf)})
     way._now = SimpleNamespace(on_lane=Once(lambda _: []), length={"c": 5.0})
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, to_line, Pace(foe_speed))])
     monkeypatch.setattr(RightOfWay, "pace", lambda *_: Pace(own, 1.0 if own == 0 else 0.0, 5.0))
@@ -628,7 +628,7 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
     """
     line = Line(100.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing(before, (":a_1",), (10.0, 18.0), (5.0, 12.0), False, False, waits, 10.0, touches=12.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((), (crossing,), (), np.inf)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way.members, way.obedient = {"m.0", "m.1", "m.2"}, {"m.0", "m.1"}
@@ -655,7 +655,7 @@ def test_inside_a_zipper_the_one_that_has_farther_to_go_stops(state, over, name,
     """Where paths cross at such a junction, SUMO's drivers enter whoever is inside, and do not stop there."""
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (8.0, 15.0), merges, True, np.inf, 10.0, touches=12.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((), (crossing,), (), np.inf)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way.members, way.obedient = {"m.0", "m.1"}, {"m.0", "m.1"}
@@ -691,7 +691,7 @@ def test_of_two_that_turn_left_against_each_other_one_stops(over, name, position
     """Of two members the one that comes later. position: beyond the other one's line [m]"""
     line = Line(100.0, "g", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     narrow = Crossing("side_0", (":a_1",), (5.0, 12.0), (10.0, 18.0), False, False, np.inf, 10.0)
-    conflicts = Conflicts((), {}, (), np.inf, narrow=(narrow,))
+    conflicts = Conflicts((), (), (), np.inf, narrow=(narrow,))
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way.members = way.obedient = {"m.0", "m.1"}
@@ -731,21 +731,21 @@ def test_a_link_without_lanes_inside_is_not_narrow():
     network = SimpleNamespace(entered_from={":a_1": "side_0"}, inside_with=lambda _: [":a_1"])
     paths = conflicts.Paths(client)
     paths[line.via, line.onto, conflicts.SAMPLED * 3.2] = None  # it is not looked at
-    assert list(conflicts._narrow(line, {}, set(), network, client, paths)) == []
+    assert list(conflicts._narrow(line, set(), set(), network, client, paths)) == []
 
 
 @pytest.mark.parametrize("lane", ["", ":a_1", ":a_2", ":a_3"])
 def test_a_path_is_occupied_where_a_vehicle_is_on_any_of_its_lanes_inside(lane):
     """SUMO is asked once for each lane, by all that look there in a step, and again after the next step."""
     line, asked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0), []
-    paths = {via[0]: crossed(via[0])._replace(via=via) for via in ((":a_1", ":a_2"), (":a_3",))}
+    paths = tuple(crossed(via[0])._replace(via=via) for via in ((":a_1", ":a_2"), (":a_3",)))
     client = SimpleNamespace(
         lane=SimpleNamespace(getLastStepVehicleIDs=lambda name: asked.append(name) or ("c",) * (name == lane))
     )
     reads = Reads(client)
     way = RightOfWay(client, reads, {line: Conflicts((), paths, (), np.inf)})
     for steps in (1, 2):
-        expected = [one for one in paths.values() if lane in one.via]
+        expected = [one for one in paths if lane in one.via]
         assert way._occupied[line] == way._occupied[line._replace()] == expected
         assert [*reads.on_lane] == [":a_1", ":a_2", ":a_3"]
         assert sorted(asked) == sorted([":a_1", ":a_2", ":a_3"] * steps)
@@ -796,7 +796,7 @@ def test_a_member_that_had_a_gap_goes_on_with_half_the_margin_or_without_any_whe
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 10.0),
         simulation=SimpleNamespace(getTime=lambda: 100.0),
     )
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), (crossing,), (), np.inf)})
     ego = Ego("m.0", "side_0", 6.0, CAR.length)
     way._outside[line] = way._first_inside[line] = []
 
@@ -832,7 +832,7 @@ def test_where_paths_merge_far_beyond_the_line_a_member_follows_those_that_are_i
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: 0.0),
         simulation=SimpleNamespace(getTime=lambda: 100.0),
     )
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), (crossing,), (), np.inf)})
     way._outside[line] = way._patiently[line] = []
     way._first_inside[line] = [Approach("c", crossing, to_line, Pace(12.0))]
     assert way.may_cross(line, 1.0, Ego("m.0", "side_0", 0.0, CAR.length), state="m") == may
@@ -851,7 +851,7 @@ def test_a_queue_that_creeps_past_lets_in_a_member_that_has_waited_for_long(wait
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: waits),
         simulation=SimpleNamespace(getTime=lambda: 100.0),
     )
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), (crossing,), (), np.inf)})
     way._outside[line] = []
     way._patiently[line] = [Approach("c", crossing, to_line, Pace(speed, 2.6, 13.9))]
     way._first_inside[line] = []
@@ -873,7 +873,7 @@ def test_a_member_in_a_queue_is_asked_to_let_another_one_in_and_counted_on_when_
         ),
         simulation=SimpleNamespace(getTime=lambda: now.time),
     )  # fmt: skip
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), (crossing,), (), np.inf)})
     way.members = {"m.0", "m.1"}
     ego = Ego("m.0", "side_0", 0.0, CAR.length)
 
@@ -920,7 +920,7 @@ def test_who_waits_does_not_expect_the_end_of_a_queue_at_full_throttle(waits, sp
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: waits),
         simulation=SimpleNamespace(getTime=lambda: 100.0),
     )
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), (crossing,), (), np.inf)})
     way.members = frozenset(members)
     way._outside[line], way._first_inside[line] = [], []
     way._patiently[line] = [Approach("c", crossing, to_line, Pace(speed, 2.6, 13.9))]
@@ -937,7 +937,7 @@ def test_a_foe_that_comes_to_a_stop_sign_stops_there_first(state, has_gap):
         acceleration={"c": 2.6}, length={"c": 5.0}, max_speed={"before_0": 13.9, ":a_0": 8.0},
         best_lanes={"c": ()}, next_links={"c": [("beyond_0", True, True, False, ":a_1", state)]},
     )  # fmt: skip
-    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((("before_0", 0.0),), (crossing,), (), np.inf)
     way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
     ego = Ego("m.0", "side_0", 0.0, CAR.length)
     assert way._has_gap_among(way._patiently[line], line, 1.0, ego, 1.0, 1.0) == has_gap
@@ -959,7 +959,7 @@ def test_a_vehicle_that_stops_at_its_yellow_light_does_not_come(monkeypatch, nam
         on_lane={"before_0": [name]}, lane_length={"before_0": 100.0}, position={name: 60.0}, speed={name: 10.0},
         acceleration={name: 2.6}, max_speed={"before_0": 13.9},
     )  # fmt: skip
-    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((("before_0", 0.0),), (crossing,), (), np.inf)
     way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
     way.members, way.obedient = {"m.1", "m.2"}, {"m.1"}
     monkeypatch.setattr(RightOfWay, "_links_ahead", lambda *_: (inside, "y"))
@@ -988,7 +988,7 @@ def test_a_vehicle_behind_one_that_stands_does_not_come(monkeypatch, state, firs
         acceleration=dict.fromkeys(names, 2.6), length=dict.fromkeys(names, 5.0), max_speed={"before_0": 13.9},
         next_links={"c.1": [("main_0", True, opens)]},
     )  # fmt: skip
-    way = RightOfWay(time, now, {line: Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf)})
+    way = RightOfWay(time, now, {line: Conflicts((("before_0", 0.0),), (crossing,), (), np.inf)})
     way._standing["c.1", ""] = 50.0 - stands_for, 49.9
     monkeypatch.setattr(RightOfWay, "_links_ahead", lambda *_: ((":a_1",), "M"))
     ego = Ego("m.0", "side_0", 0.0, CAR.length)
@@ -1052,7 +1052,7 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     lines = StopLines(SimpleNamespace(unregulated=frozenset(), entered_from=entered_from), SimpleNamespace())
     lengths = {":a_0": 6.0, ":a_1": 20.0}
     lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over})
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}, walks=()))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(), walks=(), waits=9.0))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1109,12 +1109,101 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     links = {"other_0": [("",) * LINK_VIA + (one.via[0], light) for one in met]}
     switch = {"a": 100.0 + changes}
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={one.via[0]: one for one in met}, walks=()))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=met, walks=(), waits=9.0))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, over, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert state.distance == pytest.approx(stops_at - over)
+
+
+@pytest.mark.parametrize(
+    ("second", "waits", "passes", "stops_at"),
+    [
+        (20.0, 29.0, True, 20.0),
+        (20.0, 29.0, False, 4.0),
+        (20.0, 17.0, True, 17.0),  # SUMO's place is nearer
+        (12.0, 29.0, True, 29.0),  # it would stand on the first path, and waits beyond the last one
+        (12.0, 22.0, True, 4.0),
+        (40.0, 29.0, True, 29.0),
+        (20.0, 9.0, True, 4.0),
+    ],
+)
+def test_a_member_waits_midway_beyond_paths_that_it_may_pass(monkeypatch, second, waits, passes, stops_at):
+    """In a large junction one left-turner entered in each green, since bicycles could come close behind its line."""
+    line = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 60.0)
+    lines = StopLines(ROADS, SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 100.0)))
+    met = [
+        Crossing("other_0", (via,), (begins - 1.0, begins + 5.0), (5.0, 10.0), False, True, np.inf, 10.0, begins)
+        for via, begins in ((":b_0", 4.0), (":b_1", second), (":b_2", second + 2.0))
+    ]
+    links = {"other_0": [("",) * LINK_VIA + (one.via[0], "G") for one in met]}
+    lines._now = SimpleNamespace(links=links, next_switch={"a": 130.0})
+    lines._conflicts = {line: SimpleNamespace(crossings=met, waits=waits)}
+    asked = []
+    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway, until: asked.append(until) or passes)
+    assert lines._midway(line, 0.0, 2.0, Ego("m.0", "road_0", 3.0, CAR.length)) == stops_at
+    assert all(4.0 < until < np.inf for until in asked)
+
+
+@pytest.mark.parametrize(("until", "counts"), [(20.0, ["near"]), (35.0, ["near", "far"]), (np.inf, ["near", "far"])])
+def test_what_a_member_meets_before_a_place_midway(until, counts):
+    line = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 60.0)
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: SimpleNamespace(waits=40.0)})
+    foes = [
+        Approach(name, crossed(f":{name}")._replace(own=(own, own + 6.0), touches=own + 1.0), 20.0, Pace(9.0))
+        for name, own in (("behind", 1.0), ("near", 12.0), ("far", 30.0))
+    ]
+    assert [foe.id for foe in way._met(line, foes, -9.0, midway=True, until=until)] == counts
+
+
+@pytest.mark.parametrize(
+    ("inside", "midway", "waits"),
+    [
+        ([], 29.0, False),
+        ([("b", 15.0, 0.0)], 29.0, True),  # it would stand 3 to 8 m beyond the line
+        ([("b", 22.0, 0.0)], 29.0, False),
+        ([("b", 22.0, 3.0)], np.inf, False),  # which leaves
+        ([("b", 10.0, 3.0), ("c", 22.0, 0.0)], np.inf, True),  # both will stand
+        ([("b", 10.0, 3.0), ("c", 18.0, 3.0)], 22.0, True),
+        ([("b", 10.0, 3.0), ("c", 18.0, 3.0)], np.inf, False),
+        ([("b", 4.0, 0.0)], 29.0, True),
+    ],
+)
+def test_a_member_does_not_stand_on_a_pedestrian_crossing_behind_others_that_wait_midway(inside, midway, waits):
+    """People walked into one that stood there when their light was green."""
+    line, walk = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 60.0), Walk(":c0", (0.0, 6.0), None, 2.6)
+    lines = StopLines(ROADS, None)
+    lines._now = SimpleNamespace(
+        on_lane={":a_0": ["m.0", *(name for name, _, _ in inside)]},
+        position={"m.0": 0.0} | {name: place for name, place, _ in inside},
+        speed={"m.0": 4.0} | {name: speed for name, _, speed in inside},
+        length=defaultdict(lambda: 5.0),
+    )
+    lines._conflicts = {line: Conflicts((), (), (walk,), 29.7)}
+    assert lines._queues_on_walk(line, midway, Ego("m.0", "road_0", 4.0, CAR.length)) is waits
+    lines._conflicts = {line: Conflicts((), (), (), 29.7)}
+    assert not lines._queues_on_walk(line, midway, Ego("m.0", "road_0", 4.0, CAR.length))
+
+
+@pytest.mark.parametrize("apart", [25.0, 12.0, 8.0])
+def test_paths_meet_several_times_where_a_vehicle_has_room_between_the_places(apart):
+    """Bicycles that turn about cross a path twice. Against shapely."""
+    at = np.array([(0.0, 0.0), (60.0, 0.0)]), [(15.0 + apart, -9.0), (15.0 + apart, 9.0), (15.0, 9.0), (15.0, -9.0)]
+    own, its = (conflicts._sampled(np.array(points), 0.25) for points in at)
+    near = shapely.LineString(at[0]).intersection(shapely.LineString(at[1]).buffer(2.56))
+    expected = [(part.bounds[0], part.bounds[2]) for part in shapely.get_parts(near)]
+    places = [*conflicts._places(own, its, 2.56, CAR.length)]
+    if expected[1][0] - expected[0][1] < CAR.length:
+        expected = [(expected[0][0], expected[1][1])]
+    assert len(places) == (1 if apart == 8.0 else 2)
+    np.testing.assert_allclose([place.own for place in places], expected, atol=0.3)
+    front = conflicts._front_along(own, CAR.width / 2)
+    touches = [conflicts._touches(front, place.its_line, 1.6) for place in places]
+    np.testing.assert_allclose(touches, [place.own[0] + 0.96 for place in places], atol=0.3)
+    whole = conflicts._met(own, its, 2.56)
+    assert whole[0] == (places[0].own[0], places[-1].own[1])
+    assert whole[1] == (min(place.its[0] for place in places), max(place.its[1] for place in places))
 
 
 @pytest.mark.parametrize(
@@ -1168,7 +1257,7 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
     line = Line(0.0, "G", "a", 0, "road_0", "next_0", via, 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, lights={"a": light})
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}, walks=()))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(), walks=(), waits=9.0))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: True)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
@@ -1216,7 +1305,7 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1", ":a_2"), (10.0, 18.0), (7.0, 14.0), False, False, 9.0, 10.0)
     crossing = crossing._replace(**changed)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((), (crossing,), (), np.inf)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way.members = {"m.0", "m.1"}
     inside, lengths = place > 0, {":a_1": 9.0, ":a_2": 9.0, "side_0": 50.0}
@@ -1252,7 +1341,7 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
 )
 def test_a_vehicle_drives_on_if_it_has_a_gap_and_does_not_brake(monkeypatch, speed, rate, gap, drives_on):
     crossing = Crossing("side_0", (":a_1", ":a_2"), (10.0, 18.0), (7.0, 14.0), False, True, 9.0, 10.0)
-    conflicts = defaultdict(lambda: Conflicts((), {}, (), 9.0))
+    conflicts = defaultdict(lambda: Conflicts((), (), (), 9.0))
     way, judged = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), conflicts), []
     way._now = SimpleNamespace(
         accelerates_by={"c": rate}, length={"c": 5.0}, acceleration={"c": 2.6}, lane_length={":a_1": 9.0, ":a_2": 6.0},
@@ -1306,7 +1395,7 @@ def test_who_comes_behind_one_that_waits_midway_does_not_count(speed, place, cou
     crossing = Crossing(
         "side_0", (":a_1", ":a_2"), (10.0, 18.0), (3.3, 9.0), False, True, 5.0, 10.0, blocks=4.0
     )  # fmt: skip
-    conflicts = Conflicts((("side_0", 0.0),), {":a_1": crossing}, (), np.inf)
+    conflicts = Conflicts((("side_0", 0.0),), (crossing,), (), np.inf)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way.members = frozenset()
     way._controlled = frozenset()
@@ -1326,7 +1415,7 @@ def test_a_member_that_stands_over_a_line_that_closed_is_before_it_for_sumo(monk
     """SUMO's drivers gave way to one that stood inside, and it to them."""
     line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
+    lines._conflicts = defaultdict(lambda: Conflicts((), (), (), np.inf))
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: False)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, 0.2, Ego("m.0", ":a_0", speed, CAR.length))
@@ -1341,7 +1430,7 @@ def test_a_member_that_stands_on_a_line_at_red_is_before_it_for_sumo(monkeypatch
     """On edges of 4 m SUMO inserts cars with their fronts on the line: they had run a red light, and were inside."""
     line = Line(0.0, "r", "light", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
+    lines._conflicts = defaultdict(lambda: Conflicts((), (), (), np.inf))
     monkeypatch.setattr(lines, "_link_state", lambda _: "r")
     assert not lines._at_line(line, distance, True, Ego("m.0", "road_0", speed, CAR.length)).open
     assert lines.over_line == ({"m.0": -distance} if is_held else {})
@@ -1353,7 +1442,7 @@ def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_
     """It had stopped with its front a centimetre over the line, SUMO had it before that, and it set out at once."""
     line, looked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0), []
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
+    lines._conflicts = defaultdict(lambda: Conflicts((), (), (), np.inf))
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: way)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(lane))
@@ -1366,7 +1455,7 @@ def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_
 def test_they_are_looked_for_by_members_that_come_and_that_are_inside(monkeypatch, lane):
     line, looked = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0), []
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
+    lines._conflicts = defaultdict(lambda: Conflicts((), (), (), np.inf))
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
     for name, value in {"may_cross": True, "stop_before_foes": np.inf}.items():
         monkeypatch.setattr(RightOfWay, name, lambda *_, value=value, **__: value)
@@ -1386,7 +1475,7 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
     line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
-    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
+    lines._conflicts = defaultdict(lambda: Conflicts((), (), (), np.inf))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: stop)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1408,7 +1497,8 @@ def test_a_member_waits_midway_until_there_is_room_beyond(monkeypatch, at, speed
     """While one waited there for a gap, others filled the lane beyond: it stood in their way, and was struck."""
     line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 30.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges=True)}, walks=()))
+    met = (crossed(":b_0", merges=True),)
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=met, walks=(), waits=9.0))
     names = {"m.0": at, "behind": 3.0, "last": last}
     lines._now = SimpleNamespace(
         on_lane={":a_0": ["behind", "m.0"], ":a_2": [], ":b_0": [], "next_0": ["last"]}, position=names,
@@ -1438,7 +1528,7 @@ def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses
     """And so it is without room beyond."""
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
+    lines._conflicts = defaultdict(lambda: Conflicts((), (), (), np.inf))
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *given: stop if given[2] == -7.0 else np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: has_room)
@@ -1480,7 +1570,7 @@ def test_room_behind_a_junction_is_left_to_those_that_stand_inside_and_go_to_the
     """There is room for one more. In a jammed junction a member drove up to them, and stood in everybody's way."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges)}, walks=()))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(crossed(":b_0", merges),), walks=(), waits=9.0))
     on_lane = {":a_0": [], ":b_0": ["inside"], "next_0": ["last"]}
     lines._now = SimpleNamespace(
         on_lane=on_lane, position={"last": 16.0, "inside": 8.0}, speed={"last": 0.0, "inside": speed},
@@ -1498,7 +1588,7 @@ def test_paths_that_part_from_the_own_one_are_no_cross_traffic(before, changes, 
     line = Line(100.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
     met = crossed(":b_0")._replace(before=before)
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": met}, walks=()))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(met,), walks=(), waits=9.0))
     lines._now = SimpleNamespace(
         on_lane={":a_0": [], ":b_0": [], "next_0": ["last"]}, position={"last": 6.0}, speed={"last": 0.0},
         length={"last": 5.0},
@@ -1512,7 +1602,7 @@ def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there
     """It stands at its line, which SUMO places a little before. It waited for itself, for ever."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0")}, walks=()))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(crossed(":b_0"),), walks=(), waits=9.0))
     on_lane = {":a_0": [inside], ":a_2": [], "next_0": []}
     lines._now = SimpleNamespace(on_lane=on_lane, position={inside: 0.2}, speed={inside: 0.0}, length={inside: 5.0})
     assert lines._has_room(line, Ego("m.0", ":a_0", 0.0, CAR.length)) == has_room
@@ -1534,7 +1624,7 @@ def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_r
     """Each follower stood until its predecessor was round the bend: 8 s each, where SUMO's own cars take 3 s."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0")}, walks=()))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(crossed(":b_0"),), walks=(), waits=9.0))
     names = [f"c{k}" for k in range(len(speeds))]
     speed, position = (dict(zip(names, values, strict=True)) for values in (speeds, places))
     on_lane, length = {":a_0": [], "next_0": names}, dict.fromkeys(names, 5.0)
@@ -1599,7 +1689,7 @@ def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its
     client = SimpleNamespace(
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0), vehicle=SimpleNamespace(getLength=lambda _: 5.0)
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), 6.0)
+    conflicts = Conflicts((), (crossing,), (), 6.0)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     coming = [Approach("c", crossing, 4.0, Pace(8.0))]
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: coming)
@@ -1629,7 +1719,7 @@ def test_a_sharp_turn_on_the_inner_lane_waits_for_vehicles_that_its_front_would_
     try:
         for lane, expected in ((0, [("wc_1", True)] if swings else []), (1, [])):
             *_, lines = network.route_lanes(("wc", "cx"), lane, position=20.0)
-            crossings = Conflicts.at(lines[0]._replace(kind=kind), network, libsumo).crossings.values()
+            crossings = Conflicts.at(lines[0]._replace(kind=kind), network, libsumo).crossings
             assert [(one.before, one.first) for one in crossings if one.swings] == expected
     finally:
         libsumo.close()
@@ -1651,7 +1741,7 @@ def test_a_sharp_turn_into_a_roundabout_waits_for_a_car_beside_whose_body_cuts_t
     libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
     try:
         *_, lines = network.route_lanes(("i0.0", "c0.0"), 0, position=20.0)
-        crossings = Conflicts.at(lines[0], network, libsumo).crossings.values()
+        crossings = Conflicts.at(lines[0], network, libsumo).crossings
         assert [one.before for one in crossings if one.swings] == ["i0.0_1"]
     finally:
         libsumo.close()
@@ -1677,7 +1767,7 @@ def test_a_front_swings_out_after_a_stand_where_nobody_comes_and_once_it_has_beg
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getWaitingTime=lambda _: 0.0),
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, swings=True)
+    conflicts = Conflicts((), (crossing,), (), np.inf, swings=True)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, foe_at, Pace(8.0))])
     monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
@@ -1722,7 +1812,7 @@ def test_where_one_that_may_wait_midway_blocks_a_path(generated_nets):
             for link in [one for one in libsumo.lane.getLinks(lane) if one[LINK_VIA]]:
                 line = Line(0.0, link[LINK_STATE], "", 0, lane, link[LINK_ONTO], (link[LINK_VIA],), 10.0)
                 own = shapely.LineString(_path(line.via, line.onto, libsumo))
-                for crossing in Conflicts.at(line, network, libsumo).crossings.values():
+                for crossing in Conflicts.at(line, network, libsumo).crossings:
                     if crossing.waits == np.inf or crossing.merges or crossing.before == lane:
                         continue
                     seen += 1
@@ -1758,7 +1848,7 @@ def test_a_sharp_turn_beside_a_footpath(generated_nets):
 def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monkeypatch, asked):
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
+    lines._conflicts = defaultdict(lambda: Conflicts((), (), (), np.inf))
     monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)

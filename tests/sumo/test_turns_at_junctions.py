@@ -179,7 +179,7 @@ def test_a_member_lets_cars_cross_that_yield_to_nobody(net, tmp_path, late):
 def crossed_by(own: tuple[float, float], where, east_of_north: float, speed: float) -> tuple[StopLines, Line]:
     """A line before a pedestrian crossing, at distances beyond it, with someone there."""
     points = np.column_stack([np.linspace(*own, 17), np.zeros(17)])
-    conflicts = Conflicts((), {}, (Walk(":c0", own, points, 2.6),), np.inf)
+    conflicts = Conflicts((), (), (Walk(":c0", own, points, 2.6),), np.inf)
     client = SimpleNamespace(
         edge=SimpleNamespace(getLastStepPersonIDs=lambda _: ("someone",)),
         lane=SimpleNamespace(getMaxSpeed=lambda _: 13.9),
@@ -224,6 +224,7 @@ def test_a_member_waits_for_people_midway_where_they_are_beyond_that_place(monke
     line = line._replace(via=(":x_0_0", ":x_1_0"))
     lines._conflicts[line] = conflicts._replace(waits=30.0)
     lines._now.max_speed.update({":x_0_0": 9.0, ":x_1_0": 9.0})
+    lines._now.on_lane[":x_0_0"] = []
     for name in ("has_way", "may_cross"):
         monkeypatch.setattr(RightOfWay, name, lambda *_, **__: True)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
