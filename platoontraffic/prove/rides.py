@@ -38,7 +38,7 @@ class Stand(NamedTuple):
     queue: str = ""  # edge beyond the junction on which it waits for room; "" if it stands for another reason
     onto: str = ""  # lane on which it waits for room to change to it; likewise
     unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
-    one_red: bool = False  # it waits at a light; but for less than STANDSTILL_AFTER while that may be closed
+    one_red: bool = False  # at a light or in a queue; but for less than STANDSTILL_AFTER while that may be closed
     begins: float = 0.0  # [s]
 
     @property
@@ -166,13 +166,14 @@ def _stands(
             lasts = until - row.time_s + STANDSTILL_AFTER if after is None else after.duration_s
             (lane,) = network.lanes_at([row.x_m], [row.y_m])
             why, trip = _reason(row), trips[vehicle]
-            line = _junction_ahead(lane, trip, with_light=why == LIGHT)
+            by_light = why == LIGHT or why.startswith(BEHIND)  # or behind others that wait at one
+            line = _junction_ahead(lane, trip, with_light=by_light)
             queue = edge_of(line.onto) if line and why == NO_ROOM else ""
             ahead = dropwhile(lambda one, at=lane: at not in (one.lane, *one.via), trip.lines)
             changes = (one.onto for one in ahead if one.state == CHANGING)  # on the lane of its front, or the next one
             onto = next(changes, "") if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
-            closed = network.longest_closed.get((line.light, line.index), 0.0) if line and why == LIGHT else 0.0
+            closed = network.longest_closed.get((line.light, line.index), 0.0) if line and by_light else 0.0
             one_red = closed > 0 and lasts < closed + STANDSTILL_AFTER
             begins = float(row.time_s) - STANDSTILL_AFTER
             yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated, one_red, begins)

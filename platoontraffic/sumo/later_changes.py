@@ -101,7 +101,8 @@ class LaterChanges:
         flows = is_fast and free == math.inf and slowest.blocking >= FLOWS
         too_fast = is_fast and 0 < distance < ego.speed**2 / (2 * TOO_LATE)
         goes_back = distance < 0 and not missed and self._room.goes_back(change, ego)
-        further = flows or goes_back or self._room.is_better_later(line, ahead, slowest.blocking, ego)
+        stands_in_flow = is_fast and free == math.inf  # beside a queue it would, where it stops
+        further = flows or stands_in_flow or goes_back or self._room.is_better_later(line, ahead, slowest.blocking, ego)
         if ego.id not in self._in_queue:
             self._blocked[ego.id] = Blocked(change, -distance, further, free, flows or too_fast)
         if not (flows or too_fast):
@@ -141,7 +142,9 @@ class LaterChanges:
                     continue
                 brakes = limit is not None and limit.reason[k] == BRAKES_FOR_LINE
                 if self._comes_to(fleet, i, blocked) if blocked.drives_on else brakes or blocked.missed:
-                    fleet = self._put_off_one(fleet, i)
+                    before, fleet = fleet, self._put_off_one(fleet, i)
+                    if fleet is not before:  # its predecessor may have gone over, where it has no room itself
+                        fleet = fleet.off_trail([i])
         return fleet
 
     def _comes_to(self, fleet: Fleet, row: int, blocked: Blocked) -> bool:

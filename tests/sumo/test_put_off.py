@@ -252,6 +252,36 @@ def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and
         assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), loop) == distance
 
 
+@pytest.mark.parametrize(("free", "is_fast", "further"), [(inf, True, True), (40.0, True, False), (inf, False, False)])
+def test_on_a_free_lane_of_a_fast_road_it_does_not_wait_beside_a_queue(fleet_and_later, free, is_fast, further):
+    """Before an exit a platoon stood on the lane of those that drive on, beside the queue's first 60 m of 380 m."""
+    fleet, later, change = fleet_and_later
+    later._room = room_beside(0.5, free, is_fast)
+    later.note(change, 40.0, Ego("m.0", change.lane, 8.0, 4.74), fleet.members[0].route)
+    assert later._blocked["m.0"].further is further
+    assert not later._blocked["m.0"].drives_on
+
+
+def test_one_that_puts_its_change_off_leaves_the_trail_of_its_predecessor(fleet_and_later):
+    """That one had gone over: it followed, and touched a car beside that had not let it in."""
+    fleet, later, change = fleet_and_later
+    left = []
+    law = SimpleNamespace(
+        off_trail=lambda memory, rows: left.append(rows.tolist()) or memory,
+        braking_for=lambda _: SimpleNamespace(reason=np.full(3, later_changes.BRAKES_FOR_LINE)),
+    )
+    fleet = changed(fleet, groups=tuple(group._replace(law=law, memory="memory") for group in fleet.groups))
+    later._blocked = {fleet.ids[2]: Blocked(change, -10.0, True, inf)}
+    later._room = SimpleNamespace()
+    assert later.put_off(fleet).members[2].route is not fleet.members[2].route
+    assert left == [[1]]
+    left.clear()
+    later._blocked = {fleet.ids[2]: Blocked(change, -10.0, False, 30.0)}  # it stays
+    later._later[fleet.members[2].route, change, 0.0, fleet.members[2].model, 0.0] = None
+    assert later.put_off(fleet) is fleet
+    assert not left
+
+
 @pytest.mark.parametrize(("speed", "across"), [(2.0, 35.3), (5.0, 37.2)])
 def test_a_change_to_which_it_drives_on_is_made_for_the_speed_that_it_has_there(fleet_and_later, speed, across):
     """After 10 m, or 26 m on: at 2.5 m/s2. One made for 5 m/s was driven at 6 m/s, after hard braking from 8.5 m/s."""
