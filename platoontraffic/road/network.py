@@ -59,6 +59,7 @@ CACHED_LANES = 100  # below this number, computing the drivable area takes some 
 OFF_MIDDLE = 0.3  # of a vehicle that keeps to its lane, at most [lane widths]
 ALONG = 1.0  # least length on which lanes overlap [m]
 MARGIN = 0.3  # by which a corner of a vehicle may be beside its lanes and junctions [m]
+UNREGULATED = "unregulated", "traffic_light_unregulated"  # types of junctions at which nobody has to give way
 REVERSAL_PENALTY = 3600.0  # extra travel time that a route may take to avoid turning back [s]
 START_POSITION = 40.0  # of a sample trip on its first lane, where that is long enough [m]
 
@@ -425,10 +426,10 @@ class Network:
 
     @cached_property
     def unregulated(self) -> frozenset[str]:
-        """Lanes inside junctions at which nobody has to give way, though paths cross: SUMO's type `unregulated`."""
+        """Lanes inside junctions at which nobody has to give way, though paths cross: SUMO's types of UNREGULATED."""
         return frozenset(
             lane for lane in self.entered_from
-            if self._net.getNode(junction_of(lane)).getType() == "unregulated"
+            if self._net.getNode(junction_of(lane)).getType() in UNREGULATED
         )  # fmt: skip
 
     def onward(self, edge_id: str, n: int = 2) -> tuple[str, ...]:

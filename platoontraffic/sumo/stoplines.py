@@ -17,6 +17,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import (
+    EQUAL,
     LINK_STATE,
     LINK_VIA,
     MINOR,
@@ -458,8 +459,14 @@ class StopLines:
         return state in STOP or (state in MINOR and bool(self._conflicts[line].entering))
 
     def _link_state(self, line: Line) -> str:
-        """State of the link beyond a junction's line now, as SUMO writes it."""
-        return self._now.lights[line.light][line.index] if line.light else line.state
+        """State of the link beyond a junction's line now, as SUMO writes it.
+
+        Where nobody has to give way, and paths cross, a green light lets all of them in at once.
+        """
+        if not line.light:
+            return line.state
+        state = self._now.lights[line.light][line.index]
+        return line.state if line.state == EQUAL[0] and state in PRIORITY else state
 
     # ---- junctions
 

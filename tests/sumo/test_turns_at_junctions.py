@@ -176,6 +176,21 @@ def test_a_member_lets_cars_cross_that_yield_to_nobody(net, tmp_path, late):
     assert not [e for e in events if e.kind == "collision"]
 
 
+@pytest.mark.sumo
+def test_at_a_green_light_for_paths_that_cross_a_member_gives_way(net):
+    """A grid of such junctions, which netgenerate can make: members caused 18 contacts in five runs."""
+    network, by_light = net("traffic_light_unregulated"), net("traffic_light")
+    *_, lines = network.route_lanes(("west_in", "south_out"), 0)
+    assert network.unregulated.issuperset(lines[0].via)
+    assert not by_light.unregulated
+    for one, at_green in ((network, "="), (by_light, "G")):
+        stops = StopLines(one, SimpleNamespace())
+        line = stops._at_junction[lines[0]._replace(light="tl", index=1), "car"]
+        for state, judged in (("G", at_green), ("r", "r"), ("y", "y")):
+            stops._now = SimpleNamespace(lights={"tl": "G" + state})
+            assert stops._link_state(line) == judged
+
+
 def crossed_by(own: tuple[float, float], where, east_of_north: float, speed: float) -> tuple[StopLines, Line]:
     """A line before a pedestrian crossing, at distances beyond it, with someone there."""
     points = np.column_stack([np.linspace(*own, 17), np.zeros(17)])
