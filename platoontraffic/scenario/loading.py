@@ -208,7 +208,7 @@ def _change(
                 stale |= {(driver[0], driver[1] if len(driver) == 3 else 0, driver[-1], key) for key in was}
     if seed is not None:
         table["seed"] = int(seed) if isinstance(seed, Integral) else seed  # from numpy, too
-        set_by["seed",] = "--seed"
+        set_by["seed",] = "argument"
     return set_by, frozenset(stale.difference(set_by))
 
 

@@ -63,7 +63,7 @@ def test_a_dry_run_starts_nothing(tmp_path):
     [
         (["run", "paper_lop"], "paper_lop: no such scenario file or shipped scenario; did you mean 'paper_loop'?"),
         (["run", "paper_loop", "platoon.siz=3"], "argument 1: platoon.0.siz: unknown key; did you mean 'size'?"),
-        (["run", "paper_loop", "--seed", "-1"], "--seed: seed: -1: should be greater than or equal to 0"),
+        (["run", "paper_loop", "--seed", "-1"], "argument: seed: -1: should be greater than or equal to 0"),
         (["check", "paper_loop", "nowhere.toml"], "nowhere.toml: no such scenario file"),
         (["list", "scenery"], "argument 1: 'scenery': no such list"),
         (["bench", "ladar"], "argument 1: 'ladar': no such benchmark; must be lidar, traffic or env"),
