@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import dropwhile, zip_longest
+from itertools import dropwhile, islice, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,7 +38,7 @@ class Stand(NamedTuple):
     queue: str = ""  # edge beyond the junction on which it waits for room; "" if it stands for another reason
     onto: str = ""  # lane on which it waits for room to change to it; likewise
     unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
-    one_red: bool = False  # at a light or in a queue; but for less than STANDSTILL_AFTER while that may be closed
+    one_red: bool = False  # at a light, or in a queue before it, no longer than that may be closed and STANDSTILL_AFTER
     begins: float = 0.0  # [s]
 
     @property
@@ -166,14 +166,12 @@ def _stands(
             lasts = until - row.time_s + STANDSTILL_AFTER if after is None else after.duration_s
             (lane,) = network.lanes_at([row.x_m], [row.y_m])
             why, trip = _reason(row), trips[vehicle]
-            by_light = why == LIGHT or why.startswith(BEHIND)  # or behind others that wait at one
-            line = _junction_ahead(lane, trip, with_light=by_light)
+            line = _junction_ahead(lane, trip, with_light=why == LIGHT)
             queue = edge_of(line.onto) if line and why == NO_ROOM else ""
-            ahead = dropwhile(lambda one, at=lane: at not in (one.lane, *one.via), trip.lines)
-            changes = (one.onto for one in ahead if one.state == CHANGING)  # on the lane of its front, or the next one
-            onto = next(changes, "") if why == LANE_CHANGE else ""
+            onto = _changes_onto(lane, trip) if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
-            closed = network.longest_closed.get((line.light, line.index), 0.0) if line and by_light else 0.0
+            light = _junction_beyond(lane, trip) if why.startswith(BEHIND) else line if why == LIGHT else None
+            closed = network.longest_closed.get((light.light, light.index), 0.0) if light else 0.0
             one_red = closed > 0 and lasts < closed + STANDSTILL_AFTER
             begins = float(row.time_s) - STANDSTILL_AFTER
             yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated, one_red, begins)
@@ -187,6 +185,23 @@ def _junction_ahead(lane: str, trip: Trip, with_light: bool) -> Line | None:
     junctions = (line for line in trip.lines if line.state != CHANGING)
     ahead = dropwhile(lambda one: not (lane in one.via or edge_of(lane) == edge_of(one.lane)), junctions)
     return next((one for one in ahead if one.light or not with_light), None)
+
+
+def _junction_beyond(lane: str, trip: Trip) -> Line | None:
+    """The line of the next junction on a trip that is not the one inside which a lane is; None where there is none."""
+    here = _junction_ahead(lane, trip, with_light=False)
+    if here is None or lane not in here.via:
+        return here
+    return next((one for one in trip.lines if one.station > here.station and one.state != CHANGING), None)
+
+
+def _changes_onto(lane: str, trip: Trip) -> str:
+    """Lane to which a trip changes on the edge of a lane, or on the next one: "" if it does not.
+
+    The middle of a body may be on the lane before that of its front.
+    """
+    ahead = dropwhile(lambda one: lane not in (one.lane, *one.via), trip.lines)
+    return next((one.onto for one in islice(ahead, 2) if one.state == CHANGING), "")
 
 
 def _reason(row: Any) -> str:

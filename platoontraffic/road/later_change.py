@@ -125,7 +125,7 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     """The route without one of its lane changes, and the next ones on its edge, and with others beyond instead.
 
     returns: as of `with_later_change`; None also where its lane does not lead on, or there would be less room for each
-             lane that is crossed
+             lane that is crossed, and less than ENOUGH_ROOM
     """
     if route.closed:
         return None

@@ -51,7 +51,7 @@ compiled = compiler(__file__)
 class Crossing(NamedTuple):
     """A place in a junction where two paths meet; distances from the line of each [m].
 
-    Two paths have several where the own vehicle has room between them, as where the other path turns about.
+    Two paths have several of them if the own vehicle fits between, as where the other path is a U-turn.
     """
 
     before: str  # lane from which the foe comes
@@ -91,7 +91,7 @@ class Place(NamedTuple):
 
     own: Span
     its: Span
-    own_line: Sampled  # the own line there, and a little farther, without other such places
+    own_line: Sampled  # all of it; but if there are several such places, the line there, and a little farther
     its_line: Sampled
 
 
@@ -174,13 +174,13 @@ class Conflicts(NamedTuple):
         met = {one.via[0] for one in crossings}
         found = _swung_over(line, model, width, met, network, sumo, paths) if is_sharp else []
         crossings += found
+        met |= {one.via[0] for one in found}
         entering = sorted({crossing.before for crossing in crossings if crossing.first})
         fastest = max(map(lane.getMaxSpeed, entering), default=0.0)
         watched = fastest * (SLOWEST.time_for(line.across + CAR_LENGTH) + FIRST_MARGIN)
         upstream = dict(one for name in reversed(entering) for one in network.upstream(name, watched))
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
-        met |= {one.via[0] for one in found}
         narrow = tuple(_narrow(line, met, inner, network, sumo, paths))
         return cls(tuple(upstream.items()), tuple(crossings), walks, waits, bool(found), narrow)
 

@@ -98,11 +98,11 @@ class LaterChanges:
         line, ahead = (from_here(change, distance), 0.0) if missed else (change, distance)
         free, slowest = self._room.free_road(line, ahead, ego), self._room.slowest_beside(line, ahead, ego)
         is_fast = self._room.is_fast(change) and not route.closed  # on a loop it cannot be put off
-        flows = is_fast and free == math.inf and slowest.blocking >= FLOWS
+        on_free_lane = is_fast and free == math.inf  # where it would stand in the way of those behind
+        flows = on_free_lane and slowest.blocking >= FLOWS
         too_fast = is_fast and 0 < distance < ego.speed**2 / (2 * TOO_LATE)
         goes_back = distance < 0 and not missed and self._room.goes_back(change, ego)
-        stands_in_flow = is_fast and free == math.inf  # beside a queue it would, where it stops
-        further = flows or stands_in_flow or goes_back or self._room.is_better_later(line, ahead, slowest.blocking, ego)
+        further = on_free_lane or goes_back or self._room.is_better_later(line, ahead, slowest.blocking, ego)
         if ego.id not in self._in_queue:
             self._blocked[ego.id] = Blocked(change, -distance, further, free, flows or too_fast)
         if not (flows or too_fast):

@@ -106,7 +106,9 @@ class RightOfWay:
         self._profiles = Once(Ego.profile)
         # For the whole run: paths on which vehicles wait midway, and the lanes inside the junction of all that cross.
         self._waiting_in_path = Once(lambda line: [*self._waiters(line)])
-        self._crossing_lanes = Once(lambda line: [via for one in conflicts[line].crossings for via in one.via])
+        self._crossing_lanes = Once(
+            lambda line: [*dict.fromkeys(via for one in conflicts[line].crossings for via in one.via)]
+        )
         self._by_path = Once(lambda line: _by_path(conflicts[line].crossings))
         self.stops: dict[str, float] = {}
         self._inside_between = Once(self._between)
@@ -118,8 +120,8 @@ class RightOfWay:
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
         # Members that were asked to let another one in: at the end of which lane, since when, and when last [s].
         self._asked: dict[str, tuple[str, float, float]] = {}
-        # Members that had a gap at the last look, and that have one now; at the end of which lane, and whether beyond
-        # the place midway.
+        # Members that had a gap at the last look, and that have one now; at the end of which lane, whether beyond the
+        # place midway, and before which other place.
         self._went: set[tuple[str, str, bool, float]] = set()
         self._goes: set[tuple[str, str, bool, float]] = set()
         self.members: frozenset[str] = frozenset()  # their ids ...
@@ -191,7 +193,10 @@ class RightOfWay:
         met = self._met(line, foes, distance, midway, ego.length, _still_clear(ego), until)
         margin = margin_after(waited)
         if key in self._went and ego.speed >= STANDING:
-            can_stop = ego.speed**2 / (2 * STOPS_BY) < enters + OVERRUN * ego.size
+            stops_at = enters + OVERRUN * ego.size
+            if until < math.inf:  # before the first of these paths
+                stops_at = distance + min(map(_begin, (one.crossing for one in met)), default=math.inf)
+            can_stop = ego.speed**2 / (2 * STOPS_BY) < stops_at
             margin = min(margin, LEAST_MARGIN) if can_stop else 0.0
         has_gap = self._has_gap_among(met, line, distance, ego, margin, enters, waited)
         if has_gap:
@@ -247,7 +252,8 @@ class RightOfWay:
 
     def _not_to_cut_off(self, line: Line, over: float, ego: Ego, passed: str) -> Iterator[Approach]:
         """The vehicles that `stop_before_foes` is about."""
-        priority_too = passed != "" and passed not in PRIORITY + EQUAL  # at equal ones either of two may have to
+        # At equal ones either of two may have to.
+        priority_too = passed != "" and passed not in PRIORITY + EQUAL and line.state not in EQUAL
         yield from (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, over, priority_too))
         yield from self._first_where_it_is_narrow(line, over)
         if passed and passed not in PRIORITY + ALL_STOP + ZIPPER + RED + YELLOW:
@@ -442,15 +448,15 @@ class RightOfWay:
         still_clear: `_still_clear`
         until      : as of `may_cross`
         """
-        begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
         if midway:
             clear = distance + still_clear
-            ahead = (one for one in begins if one[1] + distance > 0 or 0 < one[2] + clear < math.inf)
-            return [foe for foe, own, touches in ahead if (touches if touches < math.inf else own) < until]
+            pairs = ((foe, foe.crossing) for foe in foes)
+            ahead = (foe for foe, one in pairs if one.own[0] + distance > 0 or 0 < one.touches + clear < math.inf)
+            return [foe for foe in ahead if _begin(foe.crossing) < until]
         waits = self._conflicts[line].waits
         if waits < math.inf:
             waits = min(waits, WAITS_FROM * length)
-        return [foe for foe, own, touches in begins if (touches if touches < math.inf else own) < waits]
+        return [foe for foe in foes if _begin(foe.crossing) < waits]
 
     def _setting_out(self, foe: Approach) -> Approach:
         """A vehicle inside the junction, as it drives if it sets out now."""
@@ -490,7 +496,7 @@ class RightOfWay:
         """
         conflicts, crossings, now, found = self._conflicts[line], self._by_path[line], self._now, []
         closed = {
-            crossing.via[0]
+            crossing
             for crossing in self._waiting_in_path[line]
             if crossing in self._occupied[line] and any(map(self._stands_before, self.on(crossing)))
         }
@@ -502,7 +508,7 @@ class RightOfWay:
                     stands = Standing(foe, to_line)
                 inside, state = self._links_ahead(foe, name)
                 via = next((one for one in inside if one in crossings), "")
-                if not via or not crossings[via][0].first or state in RED or via in closed:
+                if not via or not crossings[via][0].first or state in RED:
                     continue
                 stops_here = inside[0] == via and (foe in self.obedient or foe not in self.members)
                 if state in YELLOW and stops_here and speed**2 / (2 * STOPS_BY) < to_line:
@@ -513,7 +519,8 @@ class RightOfWay:
                     stops_after = max(to_line, 0.0) / speed + speed / (2 * STOPS_BY)
                     to_line, paces = 0.0, (hurrying._replace(speed=0.0, delay=stops_after),) * 2
                 for one in crossings[via]:
-                    found.append((*(Approach(foe, one, to_line, pace) for pace in paces), ahead))
+                    if one not in closed:
+                        found.append((*(Approach(foe, one, to_line, pace) for pace in paces), ahead))
         return found
 
     def _stands_before(self, foe: Approach) -> bool:
@@ -658,8 +665,9 @@ class RightOfWay:
             foe = names[-1]
             to_line = now.lane_length[before] - now.position[foe]
             inside, _ = self._links_ahead(foe, before)
-            crossing = self._by_path[line].get(inside[0], [None])[0] if inside else None
-            if crossing and self._stood_since(foe, before, to_line, now.length[foe]) is not None:
+            met = self._by_path[line].get(inside[0]) if inside else None
+            if met and self._stood_since(foe, before, to_line, now.length[foe]) is not None:
+                crossing = met[0]
                 yield Approach(foe, crossing, to_line, Pace(now.speed[foe], now.acceleration[foe], crossing.fastest))
 
     def _departs(self, foe: Approach, ego: Ego) -> bool:
@@ -687,6 +695,11 @@ class RightOfWay:
         if departs or not self._has_gap_among(inside, line, distance, ego, 0.0, distance):
             return False
         return time - still > SETS_OUT_AFTER + NEXT_IN_TURN * (len(earlier) - 1) if earlier else True
+
+
+def _begin(crossing: Crossing) -> float:
+    """Where the own front touches another path, or where that does not, where the paths meet [m]."""
+    return crossing.touches if crossing.touches < math.inf else crossing.own[0]
 
 
 def _by_path(crossings: Iterable[Crossing]) -> dict[str, list[Crossing]]:

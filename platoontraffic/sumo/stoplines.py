@@ -332,7 +332,7 @@ class StopLines:
             is_open, reason = self._way.may_cross(line, -driven, ego, midway=True), RIGHT_OF_WAY
             if is_open and not self._is_free_of_people(line, -driven, ego):
                 is_open, reason = False, PEOPLE
-            stop = min(inside, self._midway(line, driven - OVERRUN * ego.size, -driven, ego)) - driven
+            stop = min(inside, self._midway(line, driven - OVERRUN * ego.size, -driven, ego, is_open)) - driven
             if (before := self._way.stop_before_foes(line, driven, ego)) < math.inf:
                 is_open, reason, stop = False, RIGHT_OF_WAY, min(stop, before)
             may_stop = ego.speed < STANDING or ego.speed**2 / (2 * EARLY_BRAKING) < stop
@@ -353,15 +353,16 @@ class StopLines:
                 return LineState(stop, False, False, False, RIGHT_OF_WAY)
         return None
 
-    def _midway(self, line: Line, driven: float, distance: float, ego: Ego) -> float:
-        """Where the front of a vehicle that waits inside a junction is, beyond the line [m]; inf: nobody is to come.
+    def _midway(self, line: Line, driven: float, distance: float, ego: Ego, is_open: bool = False) -> float:
+        """Where the front of a vehicle that waits inside a junction stops, beyond the line [m]; inf: nobody comes.
 
-        It is the farthest place at which the vehicle is in the way of none of those with priority, and before which it
-        may pass them, or the place where its front comes into the way of the first of them. SUMO's place midway may lie
-        beyond that: its vehicles pass through each other there.
+        That is where it comes into the way of the first path with priority. If it has a gap on that path, and its body
+        is clear of it beyond, it is before a later path: the farthest such place. It is never beyond SUMO's own place
+        midway, which may lie in the way: SUMO's vehicles pass through each other there.
 
         driven  : paths into whose way its front came before this place do not count [m]
         distance: of its front from the line [m]; negative: beyond it
+        is_open : it has a gap on all paths
         """
         crossings, waits = self._conflicts[line].crossings, self._conflicts[line].waits
         ahead = [one for one in crossings if one.first and driven < one.touches < math.inf]
@@ -378,10 +379,12 @@ class StopLines:
             if touches >= waits:
                 break
             clear = max(clear, leaves + ego.length)
-        may_pass = (
-            place for place in places[:0:-1] if self._way.may_cross(line, distance, ego, midway=True, until=place)
-        )
-        return next(may_pass, places[0])
+        first, *farther = places
+        for place in farther:
+            if not (is_open or self._way.may_cross(line, distance, ego, midway=True, until=place)):
+                break
+            first = place
+        return first
 
     def _may_come(self, crossing: Crossing) -> bool:
         """Whether no red light stops the vehicles on another path."""
@@ -449,7 +452,7 @@ class StopLines:
                 is_open, reason = False, PEOPLE
             stop = math.inf if is_open else min(conflicts.waits, self._midway(line, 0.0, distance, ego))
             if self._queues_on_walk(line, stop, ego):
-                return LineState(distance, False, minor, yellow, NO_ROOM)
+                return LineState(distance, False, False, False, NO_ROOM)
             if not is_open:
                 return LineState(distance + stop, False, False, yellow, reason)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
@@ -522,14 +525,12 @@ class StopLines:
 
         midway: place at which the first of them waits, beyond the line [m]; inf: it need not
         """
-        now, walks, front = self._now, self._conflicts[line].walks, midway
+        now, walks, front, stands = self._now, self._conflicts[line].walks, midway, False
         before = [name for name in now.on_lane[line.via[0]] if name != ego.id] if walks else ()
         for name in reversed(before):
-            takes = now.length[name] + QUEUE_GAP * ego.size
-            if now.speed[name] < STANDING:
-                front = min(front, now.position[name] - takes)
-            elif now.position[name] < front:
-                front -= takes
+            stands = stands or now.speed[name] < STANDING
+            if stands or now.position[name] < front:
+                front = (min(front, now.position[name]) if stands else front) - now.length[name] - ego.keeps
         is_on = any(walk.own[0] < front and front - ego.length < walk.own[1] for walk in walks)
         return bool(before) and (is_on or front <= 0)
 

@@ -259,6 +259,10 @@ def test_a_wait_for_a_light_that_is_closed_for_long_is_no_fault():
     ).assign(x_m=0.0, y_m=0.0)
     stands = _stands(found, 300.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=(line,))})
     assert [stand.one_red for stand in stands] == [True, False, False, True]
+    # A light that is not at the next junction does not count for a queue.
+    before = Line(40.0, "M", "", 0, "lane 0", "a_0", (":i_0_0",), 8.0), line._replace(lane="a_0")
+    stands = _stands(found, 400.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=before)})
+    assert [stand.one_red for stand in stands] == [True, False, False, False]
     # Inside a junction before an edge that is shorter than the distance from its line at which a member stops.
     lines = Line(40.0, "M", "", 0, "a_0", "c_0", ("lane 0",), 8.0), line._replace(lane="c_0")
     stands = _stands(found[:2], 300.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=lines)})
@@ -373,7 +377,12 @@ def test_who_waits_for_a_lane_change_may_be_with_its_body_on_the_lane_before(lan
         Line(at, "M", "", 0, before, beyond, (via,), 8.0)
         for at, before, beyond, via in ((2.0, "z_0", "a_0", ":k_0_0"), (50.0, "a_1", "b_0", ":j_0_0"))
     )
-    trip = TRIP._replace(lines=(enter, Line(10.0, "change", "", 0, "a_0", "a_1", (), 20.0), cross))
+    change = Line(10.0, "change", "", 0, "a_0", "a_1", (), 20.0)
+    farther = (
+        cross._replace(station=70.0, lane="b_0", onto="c_0"),
+        change._replace(station=90.0, lane="c_0", onto="c_1"),
+    )
+    trip = TRIP._replace(lines=(enter, change, cross, *farther))
     row = (30.0, "standstill", "p", "", "", "held", "since 20.000 s, held by lane change", np.nan)
     network = SimpleNamespace(lanes_at=lambda x, y: [lane], unregulated=frozenset(), longest_closed={})
     (stand,) = _stands(events(row).assign(x_m=0.0, y_m=0.0), 99.0, pd.Series(dtype=float), network, {"p": trip})

@@ -263,21 +263,22 @@ def test_on_a_free_lane_of_a_fast_road_it_does_not_wait_beside_a_queue(fleet_and
 
 
 def test_one_that_puts_its_change_off_leaves_the_trail_of_its_predecessor(fleet_and_later):
-    """That one had gone over: it followed, and touched a car beside that had not let it in."""
+    """That one had gone over: it followed past its own change, and touched a car beside that had not let it in."""
     fleet, later, change = fleet_and_later
     left = []
     law = SimpleNamespace(
         off_trail=lambda memory, rows: left.append(rows.tolist()) or memory,
-        braking_for=lambda _: SimpleNamespace(reason=np.full(3, later_changes.BRAKES_FOR_LINE)),
+        braking_for=lambda _: SimpleNamespace(reason=np.zeros(3)),  # not for a line: that it would leave for anyway
     )
     fleet = changed(fleet, groups=tuple(group._replace(law=law, memory="memory") for group in fleet.groups))
-    later._blocked = {fleet.ids[2]: Blocked(change, -10.0, True, inf)}
+    over = change.across + 30.0
+    fleet.progress.station[2] = change.station + over - fleet.progress.front[2]
+    later._blocked = {fleet.ids[2]: Blocked(change, over, True, inf)}
     later._room = SimpleNamespace()
     assert later.put_off(fleet).members[2].route is not fleet.members[2].route
     assert left == [[1]]
     left.clear()
-    later._blocked = {fleet.ids[2]: Blocked(change, -10.0, False, 30.0)}  # it stays
-    later._later[fleet.members[2].route, change, 0.0, fleet.members[2].model, 0.0] = None
+    later._blocked = {fleet.ids[2]: Blocked(change, over, True, 2.0)}  # it stays before a queue
     assert later.put_off(fleet) is fleet
     assert not left
 

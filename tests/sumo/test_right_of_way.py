@@ -43,7 +43,7 @@ from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support import ODD_NETS
 from tests.support.bench import NO_WALLS
-from tests.support.generated import corner, generated, roundabouts
+from tests.support.generated import corner, generated, roundabouts, turnabout
 
 NETS = ODD_NETS
 STEP = 0.1
@@ -1127,6 +1127,8 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
         (12.0, 22.0, True, 4.0),
         (40.0, 29.0, True, 29.0),
         (20.0, 9.0, True, 4.0),
+        (20.0, 50.0, True, 50.0),  # also beyond the others
+        (20.0, 50.0, 30.0, 20.0),
     ],
 )
 def test_a_member_waits_midway_beyond_paths_that_it_may_pass(monkeypatch, second, waits, passes, stops_at):
@@ -1140,10 +1142,14 @@ def test_a_member_waits_midway_beyond_paths_that_it_may_pass(monkeypatch, second
     links = {"other_0": [("",) * LINK_VIA + (one.via[0], "G") for one in met]}
     lines._now = SimpleNamespace(links=links, next_switch={"a": 130.0})
     lines._conflicts = {line: SimpleNamespace(crossings=met, waits=waits)}
-    asked = []
-    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway, until: asked.append(until) or passes)
-    assert lines._midway(line, 0.0, 2.0, Ego("m.0", "road_0", 3.0, CAR.length)) == stops_at
+    until_then = {True: np.inf, False: 0.0}.get(passes, passes)  # a member has a gap before the places until there
+    asked, ego = [], Ego("m.0", "road_0", 3.0, CAR.length)
+    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway, until: asked.append(until) or until < until_then)
+    assert lines._midway(line, 0.0, 2.0, ego) == stops_at
     assert all(4.0 < until < np.inf for until in asked)
+    asked.clear()
+    lines._midway(line, 0.0, 2.0, ego, is_open=True)
+    assert not asked  # that asks others to let it in
 
 
 @pytest.mark.parametrize(("until", "counts"), [(20.0, ["near"]), (35.0, ["near", "far"]), (np.inf, ["near", "far"])])
@@ -1168,6 +1174,7 @@ def test_what_a_member_meets_before_a_place_midway(until, counts):
         ([("b", 10.0, 3.0), ("c", 18.0, 3.0)], 22.0, True),
         ([("b", 10.0, 3.0), ("c", 18.0, 3.0)], np.inf, False),
         ([("b", 4.0, 0.0)], 29.0, True),
+        ([("b", 13.1, 0.2), ("c", 20.5, 0.0)], np.inf, True),  # one that still creeps
     ],
 )
 def test_a_member_does_not_stand_on_a_pedestrian_crossing_behind_others_that_wait_midway(inside, midway, waits):
@@ -1184,6 +1191,90 @@ def test_a_member_does_not_stand_on_a_pedestrian_crossing_behind_others_that_wai
     assert lines._queues_on_walk(line, midway, Ego("m.0", "road_0", 4.0, CAR.length)) is waits
     lines._conflicts = {line: Conflicts((), (), (), 29.7)}
     assert not lines._queues_on_walk(line, midway, Ego("m.0", "road_0", 4.0, CAR.length))
+
+
+@pytest.mark.parametrize(("keeps", "waits"), [(2.5, False), (6.0, True)])
+def test_where_a_member_stands_behind_others_depends_on_the_distance_that_it_keeps(keeps, waits):
+    line, walk = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 60.0), Walk(":c0", (0.0, 6.0), None, 2.6)
+    lines = StopLines(ROADS, None)
+    lines._now = SimpleNamespace(
+        on_lane={":a_0": ["b"]}, position={"b": 19.0}, speed={"b": 0.0}, length={"b": 5.0}
+    )  # fmt: skip
+    lines._conflicts = {line: Conflicts((), (), (walk,), 29.7)}
+    assert lines._queues_on_walk(line, 29.0, Ego("m.0", "road_0", 4.0, CAR.length, keeps=keeps)) is waits
+
+
+@pytest.mark.parametrize(("speed", "margins"), [(3.0, [1.0, 0.5]), (9.0, [1.0, 0.0])])
+def test_before_a_place_midway_a_member_goes_on_without_a_margin_only_where_it_cannot_stop(monkeypatch, speed, margins):
+    """It is 4 m beyond the line, and 9 m before the other path."""
+    line = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 60.0)
+    crossing = crossed(":b_0")._replace(own=(12.0, 18.0), touches=13.0)
+    way, found = (
+        RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: Conflicts((), (crossing,), (), 30.0)}),
+        [],
+    )
+    way._patiently[line], way._first_inside[line] = [Approach("c", crossing, 90.0, Pace(9.0))], []
+    monkeypatch.setattr(RightOfWay, "_waited", lambda *_: 0.0)
+    monkeypatch.setattr(RightOfWay, "_has_gap_among", lambda *given: found.append(given[5]) or True)
+    for _ in range(2):
+        way.begin_look()
+        way.may_cross(line, -4.0, Ego("m.0", ":a_0", speed, CAR.length), midway=True, until=25.0)
+    assert found == margins
+
+
+@pytest.mark.parametrize(("place", "come"), [(None, 2), (-20.0, 1)])
+def test_those_behind_one_that_stands_between_two_places_come_to_the_first_of_them(monkeypatch, place, come):
+    """Its path meets the member's 5 and 25 m beyond its line; it stands midway, 20 m beyond it."""
+    line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 60.0)
+    near, far = (
+        Crossing("side_0", (":b_0", ":b_1"), own, its, False, True, 40.0, 10.0, own[0], blocks=its[0])
+        for own, its in (((30.0, 36.0), (5.0, 10.0)), ((4.0, 9.0), (25.0, 30.0)))
+    )
+    now = SimpleNamespace(
+        on_lane={"side_0": ["c"], ":b_0": [], ":b_1": []}, lane_length={"side_0": 100.0}, position={"c": 60.0},
+        speed={"c": 9.0}, acceleration={"c": 2.6}, max_speed={"side_0": 13.9},
+    )  # fmt: skip
+    way = RightOfWay(SimpleNamespace(), now, {line: Conflicts((("side_0", 0.0),), (near, far), (), np.inf)})
+    way._occupied[line] = [near, far]
+    stands = [] if place is None else [place]
+    monkeypatch.setattr(RightOfWay, "on", lambda _, crossing: [Approach("w", crossing, at, Pace(0.0)) for at in stands])
+    monkeypatch.setattr(RightOfWay, "_links_ahead", lambda *_: ((":b_0",), "M"))
+    assert [foe.crossing for foe, *_ in way._foes_outside(line)] == [near, far][:come]
+
+
+@pytest.mark.parametrize("light", ["=", "y", "r"])
+def test_of_two_members_inside_a_junction_whose_lights_are_green_for_both_none_stops_as_they_turn(monkeypatch, light):
+    """Each would stop for the other, and both for ever."""
+    line = Line(0.0, "=", "a", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = crossed(":b_0")._replace(own=(10.0, 14.0), touches=10.5)
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: Conflicts((), (crossing,), (), np.inf)})
+    way._all_inside[line], way._patiently[line], way._outside[line] = (
+        [Approach("m.1", crossing, -3.0, Pace(4.0))],
+        [],
+        [],
+    )
+    monkeypatch.setattr(RightOfWay, "_has_gap_among", lambda *_: False)
+    assert way.stop_before_foes(line, 3.0, Ego("m.0", ":a_0", 4.0, CAR.length), light) == np.inf
+
+
+@pytest.mark.sumo
+def test_a_path_that_turns_about_meets_one_across_it_twice(tmp_path):
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+    network = Network.read(turnabout(tmp_path))
+    libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
+    try:
+        *_, lines = network.route_lanes(("wc", "ce"), 0)
+        found = [one for one in Conflicts.at(lines[0], network, libsumo).crossings if one.before == "nc_0"]
+        assert len(found) == 2
+        near, far = found
+        assert near.own[1] + CAR.length < far.own[0]
+        assert near.its[1] < far.its[0]
+        assert far.own[0] - near.own[0] == pytest.approx(24.0, abs=0.6)
+        assert [near.merges, far.merges] == [False, False]
+        assert near.own[0] < near.touches < near.own[1]
+        assert far.own[0] < far.touches < far.own[1]
+    finally:
+        libsumo.close()
 
 
 @pytest.mark.parametrize("apart", [25.0, 12.0, 8.0])

@@ -140,7 +140,9 @@ def test_a_member_at_an_all_way_stop_takes_its_turn_among_cars_of_sumo(net, tmp_
 
 
 @pytest.mark.sumo
-@pytest.mark.parametrize("kind", ["right_before_left", "zipper", "priority", "unregulated"])
+@pytest.mark.parametrize(
+    "kind", ["right_before_left", "zipper", "priority", "unregulated", "traffic_light_unregulated"]
+)
 def test_four_members_that_come_at_once_do_not_lock_each_other(net, tmp_path, kind):
     network = net(kind)
     _, entered, events, apart = played(

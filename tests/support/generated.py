@@ -91,6 +91,25 @@ def corner(folder: Path, turn: float) -> Path:
     return file
 
 
+def turnabout(folder: Path) -> Path:
+    """A road from w to e through a large junction c, in which the way from n to m leads across it, and back farther on.
+
+    The paths meet at x = -12 and 12 m.
+    """
+    nodes = {"w": (-200, 0), "c": (0, 0), "e": (200, 0), "n": (-60, 200), "m": (60, 200)}
+    nodes = [f'<node id="{name}" x="{x}" y="{y}" type="unregulated" radius="30"/>' for name, (x, y) in nodes.items()]
+    edges = [f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1"/>' for a, b in ("wc", "ce", "nc", "cm")]
+    shape, lane = "-12,30 -12,-15 12,-15 12,30", 'fromLane="0" toLane="0"'
+    links = [f'<connection from="wc" to="ce" {lane}/>', f'<connection from="nc" to="cm" {lane} shape="{shape}"/>']
+    kinds = {"nod": ("nodes", nodes), "edg": ("edges", edges), "con": ("connections", links)}
+    for kind, (root, rows) in kinds.items():
+        (folder / f"back.{kind}.xml").write_text(f"<{root}>{''.join(rows)}</{root}>")
+    file, options = folder / "back.net.xml", (("node", "nod"), ("edge", "edg"), ("connection", "con"))
+    sources = [f"--{name}-files={folder / f'back.{kind}.xml'}" for name, kind in options]
+    _run("netconvert", *sources, "--offset.disable-normalization", f"--output-file={file}")
+    return file
+
+
 def lane_that_ends(folder: Path, length: float) -> Path:
     """A road of two lanes, A, and one as long as given, B [m]. From B_1 a road leads on to the north, C.
 
