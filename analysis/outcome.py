@@ -24,7 +24,7 @@ WRONG = {
 
 
 def headline(events: pd.DataFrame, metrics: pd.DataFrame) -> str:
-    """Whether every follower stayed in its platoon, without contact, and what went wrong first.
+    """Whether every follower stayed in its platoon, without contact, and what broke it first, or was irregular.
 
     events, metrics: the tables of a run
     """
@@ -40,7 +40,8 @@ def headline(events: pd.DataFrame, metrics: pd.DataFrame) -> str:
     found += [f"smallest gap {gap:.2f} m" for gap in least]
     held = not any(number.values())
     wrong = events[events.kind.isin(WRONG if held else BROKEN)]
-    first = f"; what went wrong first, {_said(wrong.iloc[0])}" if len(wrong) else ""
+    what = "first irregularity" if held else "what went wrong first"
+    first = f"; {what}, {_said(wrong.iloc[0])}" if len(wrong) else ""
     ends = events[events.kind == "end"].to_dict("records")
     locked = [end["time_s"] for end in ends if end.get("detail") == "gridlock"]
     stood = "".join(f" It ended at {time:g} s in gridlock: nobody had moved for ten minutes." for time in locked)

@@ -5,15 +5,16 @@
 
 import os
 import sys
-from importlib.metadata import version as installed
 from pathlib import Path
+
+import platoontraffic
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 project = "platoontraffic"
 author = "The platoontraffic developers"
 copyright = author
-version = release = installed("platoontraffic")
+version = release = platoontraffic.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "from_code"]
 exclude_patterns = ["_build", "examples", "README.md"]

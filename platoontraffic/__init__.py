@@ -7,6 +7,9 @@ from typing import Any
 
 from platoontraffic import _checkout
 
+# Of the sources: what pip knows of an editable install is the version at the time of installing.
+__version__ = "0.4.9"
+
 _checkout.add_subpackages()
 
 # Imported at first use, so that commands which only list names do not wait for numba.

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import platform
+import shutil
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
 from typing import NamedTuple
 
+import platoontraffic
+
 FINE, MISSING, TROUBLE = "fine", "missing", "trouble"  # verdicts; an extra is missing, never trouble
 
 PACKAGES = ("platoontraffic", "libsumo", "numpy", "numba", "shapely", "pymunk", "pandas", "pydantic")
-EXTRAS = {"gui": "eclipse-sumo", "cluster": "distributed", "parquet": "pyarrow", "ros": "rosbags"}
+EXTRAS = {
+    "gui": "eclipse-sumo", "cluster": "distributed", "parquet": "pyarrow", "ros": "rosbags", "learn": "gymnasium",
+    "notebooks": "nbclient", "video": "imageio-ffmpeg",
+}  # fmt: skip
 
 # Ten steps in the smallest network, in a process of its own, which a broken libsumo may kill.
 START = """
@@ -62,6 +68,8 @@ def _extras() -> list[Finding]:
     for extra, package in EXTRAS.items():
         if installed := _version(package):
             findings.append(Finding(FINE, f"extra {extra}", f"{package} {installed}"))
+        elif extra == "video" and (ffmpeg := shutil.which("ffmpeg")):
+            findings.append(Finding(FINE, "extra video", f"not needed: the system has {ffmpeg}"))
         else:
             findings.append(Finding(MISSING, f"extra {extra}", f'pip install "platoontraffic[{extra}]"'))
     gui, ours = _version("eclipse-sumo"), _version("libsumo")
@@ -80,6 +88,8 @@ def _arrow() -> list[Finding]:
 
 
 def _version(package: str) -> str | None:
+    if package == "platoontraffic":
+        return platoontraffic.__version__
     try:
         return version(package)
     except PackageNotFoundError:

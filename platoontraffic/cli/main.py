@@ -9,12 +9,14 @@ from contextlib import redirect_stdout
 from importlib import import_module
 from math import degrees
 from pathlib import Path
+from shlex import quote
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import platoontraffic
 from platoontraffic import shipped
 from platoontraffic.cli.commands import commands_of
 from platoontraffic.cli.last_resort import one_line_at_death
@@ -57,9 +59,7 @@ def main(
     version: Annotated[bool, typer.Option("--version", help="print the version", is_eager=True)] = False,
 ) -> None:
     if version:
-        from importlib.metadata import version as installed
-
-        print(f"platoontraffic {installed('platoontraffic')}")
+        print(f"platoontraffic {platoontraffic.__version__}")
         raise typer.Exit
 
 
@@ -154,7 +154,8 @@ def run(
                 err.print("another process executes this run; this one waits for it", soft_wrap=True)
 
         progress = run_progress(checked.spec.run.duration_s, checked.spec.name, quiet)
-        with alone(folder, waits, say), one_line_at_death(runs.loaded(checked)), progress as watchers:
+        what = f"{checked.spec.name} ({runs.loaded(checked)})"
+        with alone(folder, waits, say), one_line_at_death(what), progress as watchers:
             if force or not runs.is_done(folder):
                 runs.run(prepared, folder, watchers, replace=force, window=window, say=say)
     if json:
@@ -378,7 +379,7 @@ def new(name: Annotated[str, typer.Argument(help="folder to make; also the name 
     out.print(
         f"made {folder}: a scenario and, in follower.py, its law, both to be changed. Run it with", soft_wrap=True
     )
-    out.print(f"  platoontraffic run {folder / folder.name}.toml", soft_wrap=True)
+    out.print(f"  platoontraffic run {quote(f'{folder / folder.name}.toml')}", soft_wrap=True, markup=False)
 
 
 ROUTES = 24  # of `prove` ...

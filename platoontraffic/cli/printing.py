@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 # Columns of the table of a run: heading, metric of a member, format.
 MOST_MEMBERS = 30  # that are listed; metrics.csv has all
+UNTIL = {"arrived": "the last member had left the road", "contact": "the first contact"}  # ends of a run, if sooner
 COLUMNS = (
     ("laps", "laps", ".2f"),
     ("right\nshare", "right_lane_share", ".3f"),
@@ -124,8 +125,11 @@ def print_run(folder: Path) -> None:
         out.print(line, soft_wrap=True, markup=False)
     whole = results.metrics[results.metrics.scope == "run"].set_index("metric").value
     stood, stranded = whole["standstill_share_mean"], whole["stranded"]
+    ended = results.events.detail[results.events.kind == "end"]
+    until = next((f", until {words}," for why, words in UNTIL.items() if why in set(ended)), "")
     out.print(
-        f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, contacts {whole['collisions']:g}"
+        f"{facts['simulated_s']:g} s{until} at {facts['real_time_factor']:g} x real time, "
+        f"contacts {whole['collisions']:g}"
         f"{f', {stood:.0%} of the time at a standstill' if stood > 0 else ''}"
         f"{f', {stranded:g} members stranded' if stranded > 0 else ''}"
         f"{'. Gaps and cross-track in m, while in the platoon' if lengths else ''}",

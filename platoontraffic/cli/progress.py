@@ -6,11 +6,13 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from platoontraffic.cli.printing import duration_text
+from platoontraffic.errors import counted
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -64,13 +66,17 @@ def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[R
 
 
 class BatchLines:
-    """A watcher of a batch that names runs without progress on stderr."""
+    """A watcher of a batch that says on stderr which tables are replaced, and which runs make no progress."""
 
     def __init__(self) -> None:
         self._silent: dict[str, float] = {}  # runs without progress, and for how long [s]
 
     def progress(self, at: batch.Progress) -> None:
         pass
+
+    def replaces_tables(self, folder: Path, lost: int) -> None:
+        what = f"its tables have {counted(lost, 'run')} not of this study; the tables are replaced, no run is removed"
+        say(f"{folder}: {what}")
 
     def silent(self, silence: Silence, laws: Sequence[str]) -> None:
         self._silent.pop(silence.id, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -13,6 +14,7 @@ import pandas as pd
 
 from platoontraffic import scenario as scenarios
 from platoontraffic.cli.printing import out, print_json
+from platoontraffic.results import provenance
 from platoontraffic.scenario import Scenario
 from platoontraffic.string_stability import experiment, report
 from platoontraffic.string_stability.experiment import Swept
@@ -22,13 +24,17 @@ def measure(law: str, changes: Sequence[str], name: str, results: Path, json: bo
     """Measure, print and write. raises: InputError"""
     scenario = scenarios.load(name, [f"platoon.follower.law={law}", *changes])
     experiment.check(scenario)
+    # Made before the experiment, because its input files may change while it lasts.
+    folder = results / re.sub(r"[^A-Za-z0-9_-]", "_", law) / provenance.run_id(scenario)
+    facts, began = provenance.before(scenario), time.perf_counter()
     swept = experiment.sweep(scenario)
     found = [experiment.norms(scenario, profile) for profile in experiment.PROFILES]
+    facts |= {"status": "finished", "wall_s": round(time.perf_counter() - began, 3)}
     touched, off, scale = report.touched(swept, found), report.deviation(swept), experiment.scale(scenario)
     title = f"{law}: {_vehicles(scenario)}, {scenario.spec.platoon[0].start.speed_mps:g} m/s"
-    folder = results / re.sub(r"[^A-Za-z0-9_-]", "_", law)
     warned = f"{title}\n{report.touch_line(touched)}" if touched else title
     files = report.write_report(folder, warned, swept, found)
+    report.write_origin(folder, scenario, facts)
     if json:
         frequencies, norms = report.frequency_table(swept), report.norm_table(found)
         print_json({"folder": str(folder), "deviation": _number(off), "no_theory": swept.no_theory or None,

@@ -1,4 +1,7 @@
-"""Whether leaders, and members from the traffic, see as far as they need to stop, and whether that makes them slow."""
+"""Whether leaders can drive as fast as they are told to: by their vehicle, and by how far they see.
+
+Members from the traffic, too: whether they see as far as they need to stop, and whether that makes them slow.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +21,18 @@ FAST = 1.2  # speed factor of a fast driver: SUMO's default for cars is 1.0, wit
 
 
 def warnings(prepared: Prepared) -> list[str]:
-    """A line for every leader that cannot stop within its laser's range from its greatest speed, or drives slower so
-    that it can, as laws that drive by speed limits do.
+    """A line for every leader that is to drive faster than its vehicle can; that cannot stop within its laser's range
+    from its greatest speed; or that drives slower so that it can, as laws that drive by speed limits do.
 
     And a line for every share of the traffic, if either holds for a fast driver's car on the network's fastest lane.
     """
     texts = [*_of_shares(prepared)]
     number = {platoon.id: i for i, platoon in enumerate(prepared.scenario.spec.platoon)}
     for member in prepared.members:
+        wanted, most = getattr(member.law, "speed", None), member.model.top_speed
+        if member.place == 0 and isinstance(wanted, float) and wanted > most:
+            key = "platoon", number[member.platoon], "leader", "speed_mps"
+            texts.append(prepared.scenario.fault(key, f"{wanted:g}: its vehicle drives {most:.3g} m/s at most"))
         speed = greatest_speed(member) if member.place == 0 else None
         if speed is not None and (what := _short_sight(member, speed)):
             texts.append(prepared.scenario.fault(("platoon", number[member.platoon], "leader"), what))

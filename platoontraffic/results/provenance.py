@@ -74,7 +74,7 @@ def before(scenario: Scenario) -> dict[str, Any]:
     return {
         "status": "unfinished",
         "tool": "platoontraffic",
-        "version": version("platoontraffic"),
+        "version": platoontraffic.__version__,
         "git": commit(),
         "command_line": ["platoontraffic", *sys.argv[1:]],
         "seed": scenario.seed,

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from platoontraffic.errors import did_you_mean, shortened
 from platoontraffic.scenario.base import NAME
+from platoontraffic.scenario.defaults import VEHICLE
 from platoontraffic.scenario.driver_tables import SHORT
 from platoontraffic.scenario.obstacle_tables import KINDS
 
@@ -60,6 +61,8 @@ def what_of(error: dict, model: type[BaseModel], beside: Collection[str] = ()) -
     if kind == "extra_forbidden":
         known = _known_keys(model, path[:-1]) + list(beside if len(path) == 1 else ())
         return f"unknown key{did_you_mean(str(path[-1]), known)}"
+    if kind == "missing" and path[-1] in ("leader", "follower") and "vehicle" not in value:
+        return f'missing: a {VEHICLE} has no default {path[-1]}; for a road: vehicle = "car"'
     if kind == "missing":
         return "missing"
     if kind == "list_type" and isinstance(value, dict):

@@ -33,7 +33,7 @@ ANY_DURATION = 86400.0  # with which further faults are looked for where a durat
 
 @dataclass(frozen=True)
 class _Places:
-    """The place of a key: `file:line`, or the argument that set it."""
+    """The place of a key: `file:line`, or the argument that set it; of a table both, if one set a part of it."""
 
     source: Path
     lines: Mapping[KeyPath, int]
@@ -43,10 +43,11 @@ class _Places:
         for n in range(len(path), 0, -1):
             if path[:n] in self.arguments:
                 return self.arguments[path[:n]]
-        if line := toml_lines.line_of(self.lines, path):
-            return f"{self.source}:{line}"
-        inside = (place for key, place in self.arguments.items() if key[: len(path)] == path)
-        return next(inside, str(self.source))
+        line = toml_lines.line_of(self.lines, path)
+        inside = next((place for key, place in self.arguments.items() if key[: len(path)] == path), "")
+        if inside and line:
+            return f"{inside} or {self.source}:{line}"
+        return inside or (f"{self.source}:{line}" if line else str(self.source))
 
 
 def load(

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import tomli_w
 
 from platoontraffic.analysis.writing import write
+from platoontraffic.results.recorder import as_json
+from platoontraffic.scenario import Scenario
 from platoontraffic.string_stability.experiment import Norms, Swept
 
 
@@ -82,6 +86,12 @@ def write_report(folder: Path, title: str, swept: Swept, found: Sequence[Norms])
     tables = {"frequency.csv": frequency_table(swept), "norms.csv": norm_table(found)}
     written = [write(folder / name, table.to_csv(index=False).encode()) for name, table in tables.items()]
     return [*written, write(folder / "string.png", _figure(title, swept, found))]
+
+
+def write_origin(folder: Path, scenario: Scenario, facts: Mapping[str, Any]) -> None:
+    """Write config.toml and provenance.json into the folder of a report, as a run has them. raises: OSError"""
+    write(folder / "config.toml", tomli_w.dumps(scenario.resolved(folder)).encode())
+    write(folder / "provenance.json", as_json(facts).encode())
 
 
 def _number(value: float, form: str) -> str:

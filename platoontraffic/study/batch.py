@@ -41,7 +41,7 @@ from platoontraffic.study.folder_lock import Lock
 from platoontraffic.study.process_tree import PROC
 from platoontraffic.study.silence import Job, Outcome, Silence
 from platoontraffic.study.study import Run, Study
-from platoontraffic.study.tables import write_tables
+from platoontraffic.study.tables import lost_rows, write_tables
 
 # Rough time of a run, of a step, and of a member in a step [s]; only for estimates.
 RUN_COST, STEP_COST, MEMBER_COST = 0.2, 4e-4, 2.5e-4
@@ -80,6 +80,9 @@ class Watcher(Protocol):
 
     def progress(self, at: Progress) -> None:
         """Called after each run."""
+
+    def replaces_tables(self, folder: Path, lost: int) -> None:
+        """Called before the first run if the tables in the folder have so many runs that are not of this study."""
 
     def silent(self, silence: Silence, laws: Sequence[str]) -> None:
         """Called from any thread when a run makes no progress, and when it does so again or has ended."""
@@ -124,6 +127,8 @@ def run(
     block, mine = study.block(*(shard or Shard())), part_of(study, shard or Shard())
     chosen = {run.id for run in mine}
     with _one_line(folder), claimed(study, folder, block) as lock:
+        if watcher and (lost := lost_rows(study, folder)):
+            watcher.replaces_tables(folder, lost)
         before = {run.id: state(folder, run.id) for run in mine}
         to_do = [run for run in mine if before[run.id] in wanted(retry_failed)]
         counts = Counter(before.values())

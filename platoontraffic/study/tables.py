@@ -43,6 +43,16 @@ def write_tables(study: Study, folder: Path, lock: Lock, patience: float) -> Non
         lock.release(TABLES, 1)
 
 
+def lost_rows(study: Study, folder: Path) -> int:
+    """Number of ended runs in the folder's runs.csv that a study does not have, so that its tables lose them."""
+    file = folder / "runs.csv"
+    if not file.is_file():
+        return 0
+    ids = {run.id for run in study.runs}
+    with file.open(encoding="utf-8", errors="replace", newline="") as opened:
+        return sum(row.get("status") in (DONE, FAILED) and row.get("id") not in ids for row in csv.DictReader(opened))
+
+
 def _write_runs(study: Study, folder: Path, states: dict[str, str]) -> None:
     with replacing(folder / "runs.csv") as file:
         rows = csv.writer(file, lineterminator="\n")

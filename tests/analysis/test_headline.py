@@ -30,7 +30,7 @@ def test_the_first_break_is_named_and_all_are_counted():
 
 
 def test_what_went_wrong_is_named_although_the_platoon_held():
-    assert said(LOCKED, (8.0, "red_light", "p.0")).endswith("; what went wrong first, at 8.00 s: p.0 ran a red light.")
+    assert said(LOCKED, (8.0, "red_light", "p.0")).endswith("; first irregularity, at 8.00 s: p.0 ran a red light.")
     assert said(LOCKED, (8.0, "red_light", "p.0")).startswith("Held")
 
 

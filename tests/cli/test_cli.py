@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 import tomllib
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -64,6 +64,7 @@ def test_a_dry_run_starts_nothing(tmp_path):
         (["run", "paper_lop"], "paper_lop: no such scenario file or shipped scenario; did you mean 'paper_loop'?"),
         (["run", "paper_loop", "platoon.siz=3"], "argument 1: platoon.0.siz: unknown key; did you mean 'size'?"),
         (["run", "paper_loop", "--seed", "-1"], "argument: seed: -1: should be greater than or equal to 0"),
+        (["run", "paper_loop", "platoon.start.edge=nowhere"], f"argument 1 or {shipped.scenarios()['paper_loop']}:"),
         (["check", "paper_loop", "nowhere.toml"], "nowhere.toml: no such scenario file"),
         (["list", "scenery"], "argument 1: 'scenery': no such list"),
         (["bench", "ladar"], "argument 1: 'ladar': no such benchmark; must be lidar, traffic or env"),
@@ -299,6 +300,9 @@ def test_doctor_starts_sumo_and_names_versions():
     assert done.exit_code == 0
     assert findings["SUMO"]["text"].endswith("starts, steps and stops")
     assert all(finding["verdict"] != "trouble" for finding in findings.values())
+    project = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())["project"]
+    extras = {f"extra {name}" for name in project["optional-dependencies"]} - {"extra docs", "extra dev"}
+    assert extras == {what for what in findings if what.startswith("extra ")}
 
 
 @pytest.mark.parametrize("what", ["scenario", "study"])
@@ -322,4 +326,5 @@ def test_json_is_all_that_is_printed(tmp_path):
 
 def test_it_says_its_version():
     done = CliRunner().invoke(app, ["--version"])
-    assert (done.exit_code, done.stdout) == (0, f"platoontraffic {version('platoontraffic')}\n")
+    cited = re.search(r"^version: (.+)$", Path(__file__).parents[2].joinpath("CITATION.cff").read_text(), re.MULTILINE)
+    assert (done.exit_code, done.stdout) == (0, f"platoontraffic {cited[1]}\n")

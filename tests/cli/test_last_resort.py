@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -125,8 +126,8 @@ def test_a_death_in_the_middle_of_a_run_is_one_line(act: str, code: int, how: st
     done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, env=os.environ | {"TMPDIR": str(tmp_path)})
     assert done.returncode == code
     (line,) = [line for line in done.stderr.splitlines() if "died" in line]
-    assert line.startswith("net ")
-    assert "lab_loop.net.xml: the process died in the middle of the run" in line
+    assert re.match(r"\w+ \(net ", line)
+    assert "lab_loop.net.xml): the process died in the middle of the run" in line
     assert how in line
     assert "Fatal" not in done.stderr
     if code < 0:

@@ -44,7 +44,7 @@ def test_cars_lead_by_path_and_follow_by_tracking(tmp_path, vehicle):
 
 
 def test_robots_must_name_their_laws_and_keep_the_papers_lasers(tmp_path):
-    with pytest.raises(InputError, match=r"platoon\.0\.leader: missing"):
+    with pytest.raises(InputError, match=r"platoon\.0\.leader: missing: a paper-robot has no default leader"):
         loaded(tmp_path, "")
     with pytest.raises(InputError, match=r"must have a \[platoon\.follower\]"):
         loaded(tmp_path, 'leader = "path"')
@@ -143,6 +143,14 @@ def test_a_leader_that_cannot_stop_within_its_sight_is_warned_of(tmp_path, leade
         assert re.search(
             r"mine\.toml:\d+: platoon\.0\.leader: at [\d.]+ m/s it stops within \d+ m, and its laser reaches", said[0]
         )
+
+
+def test_a_leader_that_is_to_drive_faster_than_its_vehicle_is_warned_of(tmp_path):
+    """As in km/h: it drove 55.6 m/s, and nobody was told."""
+    table = 'vehicle = "car"\n[platoon.leader]\nspeed_mps = 130.0\n[platoon.leader.lidar]\nrange_max_m = 300.0\n'
+    (said,) = warnings(simulation.prepare(loaded(tmp_path, table)))
+    assert re.search(r"mine\.toml:\d+: platoon\.0\.leader\.speed_mps: 130: its vehicle drives 55.6 m/s at most", said)
+    assert not warnings(simulation.prepare(loaded(tmp_path, table.replace("130.0", "50.0"))))
 
 
 def test_a_leader_that_is_slow_since_it_sees_little_is_warned_of(tmp_path):

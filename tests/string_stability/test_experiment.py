@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from platoontraffic import scenario, shipped
 from platoontraffic.cli.main import app
 from platoontraffic.controllers.consensus import ConsensusFollower
 from platoontraffic.errors import InputError
+from platoontraffic.results import provenance
 from platoontraffic.string_stability import experiment, report, theory
 from platoontraffic.vehicles.catalogue import VEHICLES
 
@@ -170,7 +172,9 @@ def test_the_command_prints_tables_and_writes_files(tmp_path):
     assert found["deviation"] < 0.005
     assert len(found["frequency"]) == 10
     assert {row["profile"] for row in found["norms"]} == set(experiment.PROFILES)
-    assert {file.name for file in (tmp_path / "acc").iterdir()} == {"frequency.csv", "norms.csv", "string.png"}
+    assert {file.name for file in Path(found["folder"]).iterdir()} == {
+        "frequency.csv", "norms.csv", "string.png", "config.toml", "provenance.json",
+    }  # fmt: skip
 
 
 TRUCK = ("platoon.vehicle=truck", "platoon.follower.law=acc", "platoon.size=2")
@@ -352,6 +356,26 @@ def test_the_text_says_what_does_not_count_and_what_is_not_as_usual(tmp_path, me
     assert "there is no theory: none is known" in said
     assert "left out: 0.54 Hz, at or above half the rate of decisions, 1 Hz" in said
     assert "the leader's accelerations are 0.5 of those" in said
+
+
+def test_each_experiment_has_a_folder_with_its_tables_and_its_settings(tmp_path, measured_before):
+    one, other = (json.loads(command(tmp_path, "--json", f"platoon.size={size}"))["folder"] for size in (4, 5))
+    assert {file.parent for file in (tmp_path / "acc").glob("*/norms.csv")} == {Path(one), Path(other)}
+    for folder, size in ((Path(one), 4), (Path(other), 5)):
+        settings = scenario.load(folder / "config.toml")
+        assert settings.spec.platoon[0].size == size
+        assert provenance.run_id(settings) == folder.name
+        facts = json.loads((folder / "provenance.json").read_text())
+        assert (facts["status"], facts["seed"]) == ("finished", settings.seed)
+        assert facts["wall_s"] >= 0
+
+
+def test_an_experiment_that_is_repeated_has_the_same_folder(tmp_path, measured_before):
+    first = json.loads(command(tmp_path, "--json"))["folder"]
+    again = json.loads(command(tmp_path, "--json", "--scenario", str(Path(first, "config.toml"))))["folder"]
+    reseeded = json.loads(command(tmp_path, "--json", "seed=7"))["folder"]
+    assert again == first
+    assert reseeded == f"{first.rpartition('-')[0]}-s7"
 
 
 def mixed(folder, vehicles: str):

@@ -90,6 +90,24 @@ def test_an_edited_study_repeats_only_what_changed(tiny, tmp_path):
     assert len(statuses(folder)) == 2
 
 
+def test_tables_that_lose_runs_are_named_before_they_are_replaced(tiny, tmp_path):
+    def said(file: Path) -> str:
+        return invoked(file, "--executor", "serial", "-q", "--out", tmp_path / "out").stderr
+
+    first, grown = said(tiny(1, 1)), said(tiny(2, 1))
+    (tmp_path / "other").mkdir()
+    other = tmp_path / "other" / "tiny.toml"
+    other.write_text(tiny(1, 1).read_text().replace("duration_s = 0.5", "duration_s = 0.4"))
+    folder = tmp_path / "out" / "tiny"
+    earlier = done(folder)
+    assert (first, grown) == ("", "")
+    assert said(other) == (
+        f"{folder}: its tables have 2 runs not of this study; the tables are replaced, no run is removed\n"
+    )
+    assert earlier.items() <= done(folder).items()
+    assert said(other) == ""
+
+
 def test_half_written_runs_are_done_again(tiny, tmp_path):
     folder = tmp_path / "out"
     batch.run(study.load(tiny()), folder, "serial")
