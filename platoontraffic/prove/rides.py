@@ -25,6 +25,7 @@ from platoontraffic.world.traffic import PERSON
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, _, _, LETTING_IN = (f"held: held by {one}" for one in CLOSED_BY[1:])
+QUEUE = 100.0  # length of a queue before a light, of which a part may be before other junctions [m]
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -170,7 +171,7 @@ def _stands(
             queue = edge_of(line.onto) if line and why == NO_ROOM else ""
             onto = _changes_onto(lane, trip) if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
-            light = _junction_beyond(lane, trip) if why.startswith(BEHIND) else line if why == LIGHT else None
+            light = _light_of_queue(lane, trip) if why.startswith(BEHIND) else line if why == LIGHT else None
             closed = network.longest_closed.get((light.light, light.index), 0.0) if light else 0.0
             one_red = closed > 0 and lasts < closed + STANDSTILL_AFTER
             begins = float(row.time_s) - STANDSTILL_AFTER
@@ -187,12 +188,13 @@ def _junction_ahead(lane: str, trip: Trip, with_light: bool) -> Line | None:
     return next((one for one in ahead if one.light or not with_light), None)
 
 
-def _junction_beyond(lane: str, trip: Trip) -> Line | None:
-    """The line of the next junction on a trip that is not the one inside which a lane is; None where there is none."""
-    here = _junction_ahead(lane, trip, with_light=False)
-    if here is None or lane not in here.via:
-        return here
-    return next((one for one in trip.lines if one.station > here.station and one.state != CHANGING), None)
+def _light_of_queue(lane: str, trip: Trip) -> Line | None:
+    """The line at a light on a trip to which a queue on a lane may lead; None where there is none.
+
+    It is that of the next junction, or another one at most QUEUE beyond that.
+    """
+    here, light = (_junction_ahead(lane, trip, with_light=one) for one in (False, True))
+    return light if here and light and light.station - here.station <= QUEUE else None
 
 
 def _changes_onto(lane: str, trip: Trip) -> str:

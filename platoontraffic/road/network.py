@@ -525,6 +525,10 @@ class Network:
             raise InputError(f"no edge '{edge_id}' in {self.path.name}{did_you_mean(edge_id, self.edges)}")
         return edge_id
 
+    def has_edge(self, edge_id: str) -> bool:
+        """Whether there is such an edge, be it a road or not."""
+        return bool(self._net.hasEdge(edge_id))
+
     def check_roads(self, edges: Iterable[str]) -> None:
         """Raise InputError with a fault for each that is not an edge on which platoons can drive."""
         faults: list[str] = []

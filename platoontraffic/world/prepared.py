@@ -59,6 +59,7 @@ def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
     demand = _demand(scenario) if scenario.spec.equip else None
     if demand:
         _check_types(scenario, demand)
+        _check_routes(scenario, network, demand)
     platooning = _platooning(scenario, network, demand) if demand else None
     unsorted = demand if demand and demand.unsorted else None
     prepared = Prepared(scenario, network, scene, members, plans, orders, platooning, unsorted)
@@ -98,6 +99,21 @@ def _check_types(scenario: Scenario, demand: Demand) -> None:
             faults.append(scenario.fault(("equip", i, "types", k), f"{name!r}: {what}"))
     if faults:
         raise InputError(*faults)
+
+
+def _check_routes(scenario: Scenario, network: Network, demand: Demand) -> None:
+    """raises: InputError where vehicles drive over edges that the network does not have, and SUMO would refuse them"""
+    config = scenario.configuration
+    if config and config.options.get("ignore-route-errors", "false").lower() in ("true", "1", "yes", "on", "x"):
+        return
+    faults: dict[str, str] = {}  # by edge
+    for edges, vehicle in {vehicle.edges: vehicle for vehicle in reversed(demand.vehicles)}.items():
+        for edge in edges:
+            if edge not in faults and not network.has_edge(edge):
+                name = vehicle.flow or vehicle.id
+                faults[edge] = f"{vehicle.file}: {name!r}: no edge {edge!r}{did_you_mean(edge, network.edges)}"
+    if faults:
+        raise InputError(*faults.values())
 
 
 def _demand(scenario: Scenario) -> Demand:

@@ -285,6 +285,24 @@ def test_a_type_of_a_share_must_be_in_the_demand(tmp_path: Path):
     ]
 
 
+def test_edges_of_routes_must_be_in_the_network(tmp_path: Path):
+    """A check said that all was fine, and SUMO refused the file in the run."""
+    file = tmp_path / "mine.rou.xml"
+    file.write_text(
+        '<routes><flow id="f" begin="0" end="9" number="2" from="A0_A1" to="A1_A9"/>'
+        '<vehicle id="v" depart="3"><route edges="A0_A1 A1_A2 nowhere"/></vehicle>'
+        '<trip id="t" depart="5" from="A0_A1" to="A1_A2"/></routes>'
+    )
+    (tmp_path / "mine.toml").write_text(
+        'sumo = { net = "grid", routes = ["mine.rou.xml"] }\nrun.duration_s = 10\n[[equip]]\nshare = 0.5\n'
+    )
+    done = CliRunner().invoke(app, ["check", str(tmp_path / "mine.toml")])
+    assert done.exit_code == 2
+    first, second = sorted(done.stderr.splitlines())
+    assert first.startswith(f"{file}: 'f': no edge 'A1_A9'; did you mean")
+    assert second.startswith(f"{file}: 'v': no edge 'nowhere'")
+
+
 @pytest.mark.parametrize("seeds", ["[1.5]", '["a"]', "true", "[true]"])
 def test_seeds_of_another_kind(tmp_path: Path, seeds: str):
     """One line, without words of pydantic."""

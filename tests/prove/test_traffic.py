@@ -259,10 +259,11 @@ def test_a_wait_for_a_light_that_is_closed_for_long_is_no_fault():
     ).assign(x_m=0.0, y_m=0.0)
     stands = _stands(found, 300.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=(line,))})
     assert [stand.one_red for stand in stands] == [True, False, False, True]
-    # A light that is not at the next junction does not count for a queue.
-    before = Line(40.0, "M", "", 0, "lane 0", "a_0", (":i_0_0",), 8.0), line._replace(lane="a_0")
-    stands = _stands(found, 400.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=before)})
-    assert [stand.one_red for stand in stands] == [True, False, False, False]
+    # A light far beyond the next junction does not count for a queue.
+    for station in (120.0, 200.0):
+        lines = Line(40.0, "M", "", 0, "lane 0", "a_0", (":i_0_0",), 8.0), line._replace(lane="a_0", station=station)
+        stands = _stands(found, 400.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=lines)})
+        assert [stand.one_red for stand in stands] == [True, False, False, station == 120.0]
     # Inside a junction before an edge that is shorter than the distance from its line at which a member stops.
     lines = Line(40.0, "M", "", 0, "a_0", "c_0", ("lane 0",), 8.0), line._replace(lane="c_0")
     stands = _stands(found[:2], 300.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=lines)})
