@@ -53,9 +53,10 @@ def tight_turns(lines: Sequence[np.ndarray], radius: float) -> TightTurns:
         (R - r) (sec(theta / 2) - 1)
 
     and leaves the tangents (R - r) tan(theta / 2) before and after it. Where the line turns back the tangents do not
-    meet: a half turn ends 2 (R - r) aside, which bounds the first factor, sec(theta / 2) - 1, by 2, and
-    tan(theta / 2) by sqrt(8). Turns to both sides within a stretch are added with their signs; stretches are up to
-    pi R long, and any part of one is a stretch too, so that a swerve does not cancel.
+    meet: a half turn ends a = 2 (R - r) aside, which bounds the first factor, sec(theta / 2) - 1, by 2, and
+    tan(theta / 2) by sqrt(8); two arcs of radius R lead back within sqrt(a (4 R - a)). Turns to both sides within a
+    stretch are added with their signs; stretches are up to pi R long, and any part of one is a stretch too, so that a
+    swerve does not cancel.
 
     lines  : points of each line, (k, 2) [m]; k >= 2
     radius : R, of the path of the driven axle [m]
@@ -73,15 +74,12 @@ def tight_turns(lines: Sequence[np.ndarray], radius: float) -> TightTurns:
     summed = np.concatenate([[0.0], np.cumsum(turn)])
     angle = summed[end + 1] - summed[start]
     length = station[end] - station[start]
-    lacking = radius - length / np.abs(angle)
+    lacking, secant = radius - length / np.abs(angle), np.minimum(_secant(angle), FULL_TURN_BACK + 1)
+    aside, before = lacking * (secant - 1), lacking * np.sqrt(secant**2 - 1)
+    comes_back = np.where(secant == FULL_TURN_BACK + 1, np.sqrt(aside * (4 * radius - aside)), 0.0)
     return TightTurns(
-        which[start],
-        station[start],
-        station[end],
-        angle,
-        lacking * np.minimum(_secant(angle) - 1, FULL_TURN_BACK),
-        lacking * np.sqrt(np.minimum(_secant(angle), FULL_TURN_BACK + 1) ** 2 - 1),
-    )
+        which[start], station[start], station[end], angle, aside, np.maximum(before, comes_back)
+    )  # fmt: skip
 
 
 def _secant(angle: np.ndarray) -> np.ndarray:

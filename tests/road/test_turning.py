@@ -50,6 +50,17 @@ def test_a_corner_is_passed_by_the_arc_that_touches_both_legs(degrees):
     assert found.before == pytest.approx([abs(centre[0])])  # where it touches
 
 
+@pytest.mark.parametrize("radius", [3.0, 4.0, 4.5])
+def test_beyond_a_half_turn_two_arcs_lead_back_to_the_line(radius):
+    """A half turn of radius R ends 2 (R - r) aside. The two arcs meet where each has turned as far as the other."""
+    found = tight_turns([arc(180, radius)], RADIUS)
+    whole = int(np.argmax(np.abs(found.angle)))
+    aside = 2 * (RADIUS - radius)
+    turned = math.acos(1 - aside / 2 / RADIUS)
+    assert found.offset[whole] == pytest.approx(aside, rel=0.01)
+    assert found.before[whole] == pytest.approx(2 * RADIUS * math.sin(turned), rel=0.01)
+
+
 def test_no_car_drives_a_corner_of_135_degrees_within_6_m():
     assert worst(corner(135), radius=4.3) > 6
 
