@@ -224,6 +224,11 @@ def test_changes_are_texts():
         Simulation.load("paper_loop", ["platoon.size=3"])
 
 
+def test_a_scenario_is_a_file_or_a_name():
+    with pytest.raises(InputError, match="scenario: None: must be a file, or the name of a shipped one"):
+        Simulation.load(None)
+
+
 # ---- measures
 
 

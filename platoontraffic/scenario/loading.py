@@ -67,6 +67,8 @@ def load(
 
     raises: InputError with one line for every fault found
     """
+    if not isinstance(name_or_file, str | Path):
+        raise InputError(f"scenario: {name_or_file!r}: must be a file, or the name of a shipped one")
     if not all(isinstance(a, str | Change) for a in arguments):
         raise InputError(f"changes: {arguments}: must be texts such as 'platoon.size=3'")
     changes = [a if isinstance(a, Change) else Change.parse(a, number) for number, a in enumerate(arguments, start=1)]
