@@ -25,7 +25,6 @@ from platoontraffic.world.traffic import PERSON
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, _, _, LETTING_IN = (f"held: held by {one}" for one in CLOSED_BY[1:])
-QUEUE = 100.0  # length of a queue before a light, of which a part may be before other junctions [m]
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -39,7 +38,7 @@ class Stand(NamedTuple):
     queue: str = ""  # edge beyond the junction on which it waits for room; "" if it stands for another reason
     onto: str = ""  # lane on which it waits for room to change to it; likewise
     unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
-    one_red: bool = False  # at a light, or in a queue before it, no longer than that may be closed and STANDSTILL_AFTER
+    one_red: bool = False  # it waits at a light; but for less than STANDSTILL_AFTER while that may be closed
     begins: float = 0.0  # [s]
 
     @property
@@ -171,8 +170,7 @@ def _stands(
             queue = edge_of(line.onto) if line and why == NO_ROOM else ""
             onto = _changes_onto(lane, trip) if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
-            light = _light_of_queue(lane, trip) if why.startswith(BEHIND) else line if why == LIGHT else None
-            closed = network.longest_closed.get((light.light, light.index), 0.0) if light else 0.0
+            closed = network.longest_closed.get((line.light, line.index), 0.0) if line and why == LIGHT else 0.0
             one_red = closed > 0 and lasts < closed + STANDSTILL_AFTER
             begins = float(row.time_s) - STANDSTILL_AFTER
             yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated, one_red, begins)
@@ -186,15 +184,6 @@ def _junction_ahead(lane: str, trip: Trip, with_light: bool) -> Line | None:
     junctions = (line for line in trip.lines if line.state != CHANGING)
     ahead = dropwhile(lambda one: not (lane in one.via or edge_of(lane) == edge_of(one.lane)), junctions)
     return next((one for one in ahead if one.light or not with_light), None)
-
-
-def _light_of_queue(lane: str, trip: Trip) -> Line | None:
-    """The line at a light on a trip to which a queue on a lane may lead; None where there is none.
-
-    It is that of the next junction, or another one at most QUEUE beyond that.
-    """
-    here, light = (_junction_ahead(lane, trip, with_light=one) for one in (False, True))
-    return light if here and light and light.station - here.station <= QUEUE else None
 
 
 def _changes_onto(lane: str, trip: Trip) -> str:

@@ -254,16 +254,9 @@ def test_a_wait_for_a_light_that_is_closed_for_long_is_no_fault():
         (182.0, "standstill_end", "p0.0", "", "", "", "", 80.0),
         (212.0, "standstill", "p0.0", "", "", "held", "since 202.000 s, held by no room behind the junction", np.nan),
         (272.0, "standstill_end", "p0.0", "", "", "", "", 70.0),
-        (312.0, "standstill", "p0.0", "", "", "behind", "since 302.000 s, behind car", np.nan),
-        (372.0, "standstill_end", "p0.0", "", "", "", "", 70.0),
     ).assign(x_m=0.0, y_m=0.0)
     stands = _stands(found, 300.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=(line,))})
-    assert [stand.one_red for stand in stands] == [True, False, False, True]
-    # A light far beyond the next junction does not count for a queue.
-    for station in (120.0, 200.0):
-        lines = Line(40.0, "M", "", 0, "lane 0", "a_0", (":i_0_0",), 8.0), line._replace(lane="a_0", station=station)
-        stands = _stands(found, 400.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=lines)})
-        assert [stand.one_red for stand in stands] == [True, False, False, station == 120.0]
+    assert [stand.one_red for stand in stands] == [True, False, False]
     # Inside a junction before an edge that is shorter than the distance from its line at which a member stops.
     lines = Line(40.0, "M", "", 0, "a_0", "c_0", ("lane 0",), 8.0), line._replace(lane="c_0")
     stands = _stands(found[:2], 300.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=lines)})
