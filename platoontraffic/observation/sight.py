@@ -1,6 +1,6 @@
-"""Whether leaders can drive as fast as they are told to: by their vehicle, and by how far they see.
+"""Whether leaders can drive at the speed of their law: their vehicle limits it, and how far their laser reaches.
 
-Members from the traffic, too: whether they see as far as they need to stop, and whether that makes them slow.
+Of members from the traffic only the laser is judged.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ FAST = 1.2  # speed factor of a fast driver: SUMO's default for cars is 1.0, wit
 
 
 def warnings(prepared: Prepared) -> list[str]:
-    """A line for every leader that is to drive faster than its vehicle can; that cannot stop within its laser's range
-    from its greatest speed; or that drives slower so that it can, as laws that drive by speed limits do.
+    """A line for every leader whose law has a speed above the top speed of its vehicle; that cannot stop within its
+    laser's range from its greatest speed; or that drives slower so that it can, as laws that drive by speed limits do.
 
     And a line for every share of the traffic, if either holds for a fast driver's car on the network's fastest lane.
     """

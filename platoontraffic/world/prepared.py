@@ -14,7 +14,7 @@ from platoontraffic.lidar import Scene
 from platoontraffic.road.demand import Demand, Selection, read_demand
 from platoontraffic.road.network import Network
 from platoontraffic.road.platooning import Plan, plan
-from platoontraffic.road.sumo_configuration import in_seconds
+from platoontraffic.road.sumo_configuration import ON, in_seconds
 from platoontraffic.scenario import Scenario
 from platoontraffic.scenario.equip_tables import VEHICLE_OF
 from platoontraffic.world import manoeuvres, obstacles
@@ -104,7 +104,7 @@ def _check_types(scenario: Scenario, demand: Demand) -> None:
 def _check_routes(scenario: Scenario, network: Network, demand: Demand) -> None:
     """raises: InputError where vehicles drive over edges that the network does not have, and SUMO would refuse them"""
     config = scenario.configuration
-    if config and config.options.get("ignore-route-errors", "false").lower() in ("true", "1", "yes", "on", "x"):
+    if config and config.options.get("ignore-route-errors", "false").lower() in ON:
         return
     faults: dict[str, str] = {}  # by edge
     for edges, vehicle in {vehicle.edges: vehicle for vehicle in reversed(demand.vehicles)}.items():

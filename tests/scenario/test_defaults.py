@@ -145,8 +145,8 @@ def test_a_leader_that_cannot_stop_within_its_sight_is_warned_of(tmp_path, leade
         )
 
 
-def test_a_leader_that_is_to_drive_faster_than_its_vehicle_is_warned_of(tmp_path):
-    """As in km/h: it drove 55.6 m/s, and nobody was told."""
+def test_a_speed_above_the_top_speed_of_the_vehicle_is_warned_of(tmp_path):
+    """130 was meant as km/h: the leader drove 55.6 m/s without a word."""
     table = 'vehicle = "car"\n[platoon.leader]\nspeed_mps = 130.0\n[platoon.leader.lidar]\nrange_max_m = 300.0\n'
     (said,) = warnings(simulation.prepare(loaded(tmp_path, table)))
     assert re.search(r"mine\.toml:\d+: platoon\.0\.leader\.speed_mps: 130: its vehicle drives 55.6 m/s at most", said)
