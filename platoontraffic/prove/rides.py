@@ -35,7 +35,7 @@ class Stand(NamedTuple):
     lasts: float  # [s]
     why: str  # NO_REASON, or a word of the event `standstill` and its text
     lane: str  # "" beside the road
-    queue: str = ""  # edge beyond the junction on which it waits for room; "" if it stands for another reason
+    queue: str = ""  # edge beyond the junction before or inside which it waits for room; "" if for another reason
     onto: str = ""  # lane on which it waits for room to change to it; likewise
     unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
     one_red: bool = False  # it waits at a light; but for less than STANDSTILL_AFTER while that may be closed
@@ -167,7 +167,8 @@ def _stands(
             (lane,) = network.lanes_at([row.x_m], [row.y_m])
             why, trip = _reason(row), trips[vehicle]
             line = _junction_ahead(lane, trip, with_light=why == LIGHT)
-            queue = edge_of(line.onto) if line and why == NO_ROOM else ""
+            in_queue = why == NO_ROOM or (line and lane in line.via and why.startswith(BEHIND))
+            queue = edge_of(line.onto) if line and in_queue else ""
             onto = _changes_onto(lane, trip) if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
             closed = network.longest_closed.get((line.light, line.index), 0.0) if line and why == LIGHT else 0.0

@@ -364,6 +364,21 @@ def test_a_standstill_at_a_line_tells_what_lies_beyond():
         assert [stands[name].unregulated for name in why] == [False, ahead and unregulated, False]
 
 
+@pytest.mark.parametrize(("lane", "queue"), [(":j_0_0", "b"), (":j_4_0", "b"), ("a_1", ""), ("b_0", "")])
+def test_a_queue_inside_a_junction_reaches_back_from_the_edge_beyond(lane, queue):
+    cross = Line(50.0, "M", "", 0, "a_1", "b_0", (":j_0_0", ":j_4_0"), 8.0)
+    found = events((30.0, "standstill", "p0.0", "", "", "behind", "since 20.000 s, behind x", np.nan))
+
+    class On(Lanes):
+        def lanes_at(self, x, y):
+            return [lane]
+
+    none = pd.Series(dtype=float)
+    (stand,) = _stands(found.assign(x_m=0.0, y_m=0.0), 99.0, none, On(), {"p0.0": TRIP._replace(lines=(cross,))})
+    assert stand.queue == queue
+    assert verdict(ride(stands=(stand,)), ride(long_on=("b_0",))).holds == (queue == "b" or lane == "b_0")
+
+
 @pytest.mark.parametrize(("lane", "onto"), [("z_0", "a_1"), (":k_0_0", "a_1"), ("a_0", "a_1"), ("a_1", "")])
 def test_who_waits_for_a_lane_change_may_be_with_its_body_on_the_lane_before(lane, onto):
     """The place of a standstill is that of the middle of the body; its front stands at the begin of the change."""
