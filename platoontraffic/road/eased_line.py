@@ -184,57 +184,68 @@ def _gentlest(line, left, wanted, corridor, ahead, sharpest, weight):
     """
     n = len(line)
     factors, pivot = _factored(n, 1.0 + PLACES, BENDS, weight)
-    # Places and second differences within their limits, and by how much those of q have been beyond, summed.
-    place, beyond_place = line.copy(), np.zeros((n, 2))
-    bend, beyond_bend = np.zeros((n, 2)), np.zeros((n, 2))
-    for i in range(n):
-        aside = min(max(wanted[i], corridor[i, 0]), corridor[i, 1])
-        for c in range(2):
-            place[i, c] += aside * left[i, c]
-            if 0 < i < n - 1:
-                bend[i, c] = line[i - 1, c] - 2 * line[i, c] + line[i + 1, c]
-    q, solved = line, np.zeros((n + 6, 2))  # of these three at each end stay 0
+    # By component, so that several points are computed at a time.
+    line_x, line_y, left_x, left_y = line[:, 0].copy(), line[:, 1].copy(), left[:, 0].copy(), left[:, 1].copy()
+    least, greatest = corridor[:, 0].copy(), corridor[:, 1].copy()
+    aim_x, aim_y = line_x + wanted * left_x, line_y + wanted * left_y
+    aside = np.minimum(np.maximum(wanted, least), greatest)
+    # Places and second differences within their limits, less what those of q have been beyond them, summed.
+    place_x, place_y = line_x + aside * left_x, line_y + aside * left_y
+    beyond_place_x, beyond_place_y = np.zeros(n), np.zeros(n)
+    beyond_bend_x, beyond_bend_y = np.zeros(n), np.zeros(n)
+    bend_x, bend_y = np.zeros(n), np.zeros(n)
+    bend_x[1:-1] = line_x[:-2] - 2 * line_x[1:-1] + line_x[2:]
+    bend_y[1:-1] = line_y[:-2] - 2 * line_y[1:-1] + line_y[2:]
+    q_x, q_y = np.zeros(n + 6), np.zeros(n + 6)  # of these three at each end stay 0
     for _ in range(ROUNDS):
-        for i in range(n):
-            for c in range(2):
-                solved[i + 3, c] = line[i, c] + wanted[i] * left[i, c] + PLACES * (place[i, c] - beyond_place[i, c])
-        for i in range(1, n - 1):
-            for c in range(2):
-                pull = BENDS * (bend[i, c] - beyond_bend[i, c])
-                solved[i + 2, c] += pull
-                solved[i + 3, c] -= 2 * pull
-                solved[i + 4, c] += pull
-        _solve(solved, factors, pivot)
-        q = solved[3 : n + 3]
-        _limit_places(q, line, left, corridor, ahead, place, beyond_place)
-        _limit_bends(q, sharpest, bend, beyond_bend)
-    return q.copy()
+        _pull(q_x, aim_x, place_x, bend_x)
+        _pull(q_y, aim_y, place_y, bend_y)
+        _solve(q_x, q_y, factors, pivot)
+        places = line_x, line_y, left_x, left_y, least, greatest, place_x, place_y, beyond_place_x, beyond_place_y
+        _limit_places(q_x[3:-3], q_y[3:-3], ahead, *places)
+        _limit_bends(q_x[3:-3], q_y[3:-3], sharpest, bend_x, bend_y, beyond_bend_x, beyond_bend_y)
+    return np.column_stack((q_x[3:-3], q_y[3:-3]))
 
 
 @compiled
-def _limit_places(q, line, left, corridor, ahead, place, beyond):
-    """Renew the places in the corridor, in place."""
-    for i in range(len(q)):
-        x, y = q[i, 0] + beyond[i, 0] - line[i, 0], q[i, 1] + beyond[i, 1] - line[i, 1]
-        aside = x * left[i, 0] + y * left[i, 1]
-        along = min(max(x * left[i, 1] - y * left[i, 0], -ahead), ahead)
-        aside = min(max(aside, corridor[i, 0]), corridor[i, 1])
-        place[i, 0] = line[i, 0] + aside * left[i, 0] + along * left[i, 1]
-        place[i, 1] = line[i, 1] + aside * left[i, 1] - along * left[i, 0]
-        beyond[i, 0] += q[i, 0] - place[i, 0]
-        beyond[i, 1] += q[i, 1] - place[i, 1]
+def _pull(q, aim, place, bend):
+    """Fill in one component of the right side of the equations for q: what draws it to its aim and its limits."""
+    n = len(aim)
+    for i in range(n):
+        q[i + 3] = aim[i] + PLACES * place[i]
+    for i in range(1, n - 1):
+        q[i + 3] = q[i + 3] + BENDS * bend[i - 1] - 2 * (BENDS * bend[i]) + BENDS * bend[i + 1]
+    q[3] += BENDS * bend[1]
+    q[n + 2] += BENDS * bend[n - 2]
 
 
 @compiled
-def _limit_bends(q, sharpest, bend, beyond):
-    """Renew the second differences within the limit of curvature, in place."""
-    for i in range(1, len(q) - 1):
-        x = q[i - 1, 0] - 2 * q[i, 0] + q[i + 1, 0] + beyond[i, 0]
-        y = q[i - 1, 1] - 2 * q[i, 1] + q[i + 1, 1] + beyond[i, 1]
-        step = ((q[i + 1, 0] - q[i - 1, 0]) ** 2 + (q[i + 1, 1] - q[i - 1, 1]) ** 2) / 4
+def _limit_places(
+    q_x, q_y, ahead, line_x, line_y, left_x, left_y, least, greatest, place_x, place_y, beyond_x, beyond_y
+):
+    """Renew the places in the corridor less what is beyond, in place."""
+    for i in range(len(q_x)):
+        x, y = q_x[i] + beyond_x[i] - line_x[i], q_y[i] + beyond_y[i] - line_y[i]
+        aside = x * left_x[i] + y * left_y[i]
+        along = min(max(x * left_y[i] - y * left_x[i], -ahead), ahead)
+        aside = min(max(aside, least[i]), greatest[i])
+        there_x = line_x[i] + aside * left_x[i] + along * left_y[i]
+        there_y = line_y[i] + aside * left_y[i] - along * left_x[i]
+        beyond_x[i] += q_x[i] - there_x
+        beyond_y[i] += q_y[i] - there_y
+        place_x[i], place_y[i] = there_x - beyond_x[i], there_y - beyond_y[i]
+
+
+@compiled
+def _limit_bends(q_x, q_y, sharpest, bend_x, bend_y, beyond_x, beyond_y):
+    """Renew the second differences within the limit of curvature less what is beyond, in place."""
+    for i in range(1, len(q_x) - 1):
+        x = q_x[i - 1] - 2 * q_x[i] + q_x[i + 1] + beyond_x[i]
+        y = q_y[i - 1] - 2 * q_y[i] + q_y[i + 1] + beyond_y[i]
+        step = ((q_x[i + 1] - q_x[i - 1]) ** 2 + (q_y[i + 1] - q_y[i - 1]) ** 2) / 4
         share = min(sharpest[i] * step / max(math.sqrt(x * x + y * y), 1e-12), 1.0)
-        bend[i, 0], bend[i, 1] = share * x, share * y
-        beyond[i, 0], beyond[i, 1] = (1 - share) * x, (1 - share) * y
+        beyond_x[i], beyond_y[i] = (1 - share) * x, (1 - share) * y
+        bend_x[i], bend_y[i] = share * x - beyond_x[i], share * y - beyond_y[i]
 
 
 @compiled
@@ -262,16 +273,14 @@ def _factored(n, places, bends, weight):
 
 
 @compiled
-def _solve(solved, factors, pivot):
-    """Solve for values (n + 6, 2), of which three at each end are 0, in place."""
+def _solve(x, y, factors, pivot):
+    """Solve for the two components (n + 6,), of which three values at each end are 0, in place."""
     n = len(pivot)
     for i in range(n):
         one, two, three = factors[i]
-        for c in range(2):
-            solved[i + 3, c] -= one * solved[i + 2, c] + two * solved[i + 1, c] + three * solved[i, c]
+        x[i + 3] -= one * x[i + 2] + two * x[i + 1] + three * x[i]
+        y[i + 3] -= one * y[i + 2] + two * y[i + 1] + three * y[i]
     for i in range(n - 1, -1, -1):
         one, two, three = factors[i + 1, 0], factors[i + 2, 1], factors[i + 3, 2]
-        for c in range(2):
-            solved[i + 3, c] = (
-                solved[i + 3, c] * pivot[i] - one * solved[i + 4, c] - two * solved[i + 5, c] - three * solved[i + 6, c]
-            )
+        x[i + 3] = x[i + 3] * pivot[i] - one * x[i + 4] - two * x[i + 5] - three * x[i + 6]
+        y[i + 3] = y[i + 3] * pivot[i] - one * y[i + 4] - two * y[i + 5] - three * y[i + 6]
