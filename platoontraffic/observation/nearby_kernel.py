@@ -38,7 +38,11 @@ def nearby(x, y, by_x, sorted_x, i, reach, rows):
         if sorted_x[place] - x[i] > reach:
             break
         if abs(y[by_x[place]] - y[i]) <= reach:
-            rows[count] = by_x[place]
+            # Into its place among those before: they are few, and a sort of its own takes several times as long.
+            row, at = by_x[place], count
+            while at > 0 and rows[at - 1] > row:
+                rows[at] = rows[at - 1]
+                at -= 1
+            rows[at] = row
             count += 1
-    rows[:count].sort()
     return count
