@@ -9,7 +9,8 @@ plane curves, J. Differential Geometry 23 (1986), here only on the part of the c
 A place is too sharp if its curvature is above that at full steering lock. For comfort the line is eased afterwards
 (`eased_line`). A half turn that is too tight has no such arc between its legs, and would shrink for ever. There the
 flow keeps the area (M. Gage, On an area-preserving evolution equation for plane curves, Contemporary Mathematics 51,
-1986): what sharp places take away is added evenly outside, and the half turn becomes a bulb.
+1986): what sharp places take away is added outside, and the half turn becomes a bulb. More is added towards the leg
+that the line has left less: a bulb that swings out on one side alone is farther off the lane than it must be.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import math
 
 import numpy as np
 
+from platoontraffic.geometry.polyline import left_of
 from platoontraffic.lidar.compiled import compiler
 
 LOCK = 1.08  # least radius of the line [turning radii]: steering keeps a reserve to correct errors
@@ -42,10 +44,12 @@ def drivable(points: np.ndarray, lock: float, spacing: float, closed: bool = Fal
     line = np.column_stack([points, stations, np.zeros(len(points))])  # x, y, station, half turn
     line = spread(_without_spikes(line, 2 / lock), spacing)
     line[:, 3] = _half_turns(line[:, :2], np.pi / 2 / lock, closed)
+    turns_back = line[:, 3].any()
     for _ in range(BATCHES):
         there = np.column_stack([np.interp(line[:, 2], stations, column) for column in points.T])
         held = np.hypot(*(line[:, :2] - there).T) > FARTHEST / lock
-        moved = _flow(line, lock, held, closed, ROUNDS)
+        weights = _balanced(line, there) if turns_back else line[:, 3]
+        moved = _flow(line, weights, lock, held, closed, ROUNDS)
         if not moved:
             break
         line = spread(line, spacing)  # not at the end: it changes the curvature a little
@@ -108,20 +112,36 @@ def _half_turns(points: np.ndarray, window: float, closed: bool) -> np.ndarray:
     return weights
 
 
+def _balanced(line: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """The weights (m,) of half turns, less towards the leg on which points (m, 4) are farther outside of their places
+    `there` (m, 2) on the given line."""
+    weights = line[:, 3].copy()
+    outside = -np.sign(weights) * ((line[:, :2] - there) * left_of(line[:, :2])).sum(axis=1)
+    for half_turn in np.split(np.arange(len(line)), np.flatnonzero(np.diff(np.sign(weights))) + 1):
+        middle = len(half_turn) // 2
+        before, beyond = (outside[leg].max(initial=0.0) for leg in (half_turn[:middle], half_turn[middle:]))
+        shift = (before - beyond) / max(before + beyond, 1e-9)
+        weights[half_turn] *= 1 + shift * np.linspace(-1, 1, len(half_turn))
+    return weights
+
+
 def _wrapped(angle: np.ndarray) -> np.ndarray:
     return (angle + math.pi) % math.tau - math.pi
 
 
 @compiled
-def _flow(line, lock, held, closed, rounds):
-    """Move points (m, 4) of `drivable` in place, but those held; whether any still moved in the last round."""
+def _flow(line, weights, lock, held, closed, rounds):
+    """Move points (m, 4) of `drivable` in place, but those held; whether any still moved in the last round.
+
+    weights: of the points by which half turns are widened, (m,)
+    """
     first, last = 0 if closed else 1, len(line) - 1
     awake, count = np.arange(first, last), last - first  # the points that may be too sharp, the first `count` of these
     wakes = np.zeros(last + 1, np.bool_)
     step = np.zeros((last + 1, 2))
     turns_back = False
     for i in range(last + 1):
-        turns_back |= line[i, 3] != 0.0
+        turns_back |= weights[i] != 0.0
     for _ in range(rounds):
         any_moved = False
         for k in range(count):
@@ -140,7 +160,7 @@ def _flow(line, lock, held, closed, rounds):
         if not any_moved:
             return False
         if turns_back:
-            _widen(line, step, wakes)
+            _widen(line, weights, step, wakes)
         if closed:
             wakes[0] |= wakes[last]
         count = 0
@@ -157,24 +177,24 @@ def _flow(line, lock, held, closed, rounds):
 
 
 @compiled
-def _widen(line, step, wakes):
+def _widen(line, weights, step, wakes):
     """Move the points of each half turn outwards by as much area as the steps of its points take, in place."""
     i = 1
     while i < len(line) - 1:
-        if line[i, 3] == 0.0:
+        if weights[i] == 0.0:
             i += 1
             continue
         first, moved, weight = i, 0.0, 0.0
-        sign = math.copysign(1.0, line[first, 3])  # the product of two weights may be too small to be above 0
-        while i < len(line) - 1 and sign * line[i, 3] > 0.0:
+        sign = math.copysign(1.0, weights[first])  # the product of two weights may be too small to be above 0
+        while i < len(line) - 1 and sign * weights[i] > 0.0:
             moved += math.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)
-            weight += abs(line[i, 3])
+            weight += abs(weights[i])
             i += 1
         if moved == 0.0:
             continue
         for k in range(first, i):
             along_x, along_y = line[k + 1, 0] - line[k - 1, 0], line[k + 1, 1] - line[k - 1, 1]
-            outwards = moved / weight * line[k, 3] / max(math.sqrt(along_x * along_x + along_y * along_y), 1e-9)
+            outwards = moved / weight * weights[k] / max(math.sqrt(along_x * along_x + along_y * along_y), 1e-9)
             step[k, 0] += along_y * outwards
             step[k, 1] -= along_x * outwards
             wakes[k] = True

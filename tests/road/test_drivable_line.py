@@ -8,9 +8,11 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.road.drivable_line import LOCK, drivable
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.route import Route
+from platoontraffic.road.turning import tight_turns
 from platoontraffic.vehicles.bicycle import CARS
 
 RADIUS, SPACING = 5.0, 0.5
@@ -92,6 +94,20 @@ def test_a_half_turn_that_is_too_tight_becomes_a_bulb(radius, side):
     beside = side * points[:, 1]
     assert 2 * RADIUS - 0.7 < np.ptp(beside) < 2 * RADIUS + 0.5
     assert beside.max() - 2 * radius == pytest.approx(-beside.min(), abs=0.05)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_half_turn_aslant_swings_out_less_before_it_and_more_beyond(side):
+    """A U-turn of an OpenStreetMap import: its first leg turns in before the tip, where a car is still on the lane."""
+    points = [(60, 13.9), (22.9, 16.4), (15.2, 12.9), (14, 11.6), (12.1, 9.1), (11.8, 7.8), (11.7, 7.5), (12.7, 6.9),
+              (15, 7.1), (20.3, 8.1), (60, 5.9)]  # fmt: skip
+    lane = np.array(points) * (1, side)
+    radius = CARS["car"].turning_radius
+    points, stations = drivable(lane, 1 / (LOCK * radius), SPACING)
+    places = [Polyline(lane).project(*point, near, 10.0) for point, near in zip(points, stations, strict=True)]
+    station, off = np.abs(places).T
+    assert off.max() < 2.4
+    assert (off - tight_turns([lane], radius).least_offset(station)).max() < 0.8
 
 
 def test_a_loop_that_is_too_tight_does_not_shrink_its_legs_away():
