@@ -1298,6 +1298,38 @@ def test_paths_meet_several_times_where_a_vehicle_has_room_between_the_places(ap
 
 
 @pytest.mark.parametrize(
+    ("ends", "onto"), [([(40.0, -9.0), (50.0, 0.0), (60.0, 0.0)], "on_0"), ([(40.0, 9.0)], "off_0")]
+)
+def test_of_the_places_where_paths_meet_only_the_last_one_merges_and_each_blocks_by_itself(ends, onto):
+    """A path crosses the own one at 10 m, turns back, and merges with it or crosses it again at 40 m."""
+    line = Line(0.0, "m", "", 0, "road_0", "on_0", (":a_0",), 60.0)
+    paths, step = conflicts.Paths(None), conflicts.SAMPLED * 3.2
+    across = [(10.0, 9.0), (10.0, -9.0), *([(40.0, -9.0)] if onto == "off_0" else []), *ends]
+    for via, leads_to, points in (((":a_0",), "on_0", [(0.0, 0.0), (60.0, 0.0)]), ((":b_0", ":b_1"), onto, across)):
+        paths[via, leads_to, step] = conflicts._sampled(np.array(points), step)
+    paths.links["side_0"] = [((":b_0", ":b_1"), onto)]
+    lane = SimpleNamespace(
+        getFoes=lambda *_: ("side_0",), getInternalFoes=lambda _: (":b_0",), getWidth=lambda _: 3.2,
+        getLength=lambda _: 70.0, getMaxSpeed=lambda _: 10.0,
+    )  # fmt: skip
+    network = SimpleNamespace(
+        entered_from={":a_0": "road_0", ":b_0": "side_0"}, unregulated=frozenset(), inside_with=lambda _: (),
+        upstream=lambda name, _: [(name, 0.0)],
+    )  # fmt: skip
+    near, far = Conflicts.at(line, network, SimpleNamespace(lane=lane), paths).crossings
+    assert [near.merges, far.merges] == [False, onto == "on_0"]
+    assert near.own == pytest.approx((10 - 2.56, 10 + 2.56), abs=0.5)
+    assert near.its == pytest.approx((9 - 2.56, 9 + 2.56), abs=0.5)
+    reaches = conflicts.TOUCHES * 3.2
+    assert near.blocks == pytest.approx(9 - reaches, abs=0.5)
+    if onto == "off_0":
+        assert far.blocks == pytest.approx(18 + 30 + 9 - reaches, abs=0.5)
+        assert far.own == pytest.approx((40 - 2.56, 40 + 2.56), abs=0.5)
+    else:
+        assert far.blocks == np.inf  # it is not let in, but joins
+
+
+@pytest.mark.parametrize(
     ("own", "touches", "enters"),
     [
         (5.0, 7.0, False),
