@@ -53,14 +53,14 @@ class Stand(NamedTuple):
 
     def is_in_queue_of(self, other: Stand) -> bool:
         """Whether it stands behind the other one's vehicle, and for most of its time while that one does."""
-        return self.behind == other.vehicle and self._is_with(other)
+        return self.behind == other.vehicle and self.is_with(other)
 
     def lets_in_beside(self, other: Stand) -> bool:
         """Whether it lets a vehicle in while the other one stands on its edge: that one may be it, or before it."""
-        return self.why == LETTING_IN and edge_of(self.lane) == edge_of(other.lane) and self._is_with(other)
+        return self.why == LETTING_IN and edge_of(self.lane) == edge_of(other.lane) and self.is_with(other)
 
-    def _is_with(self, other: Stand) -> bool:
-        """Whether the other one stands as well for most of its time."""
+    def is_with(self, other: Stand) -> bool:
+        """Whether the other one stands as well for most of the time of this one."""
         return min(self.ends, other.ends) - max(self.begins, other.begins) > self.lasts / 2
 
 

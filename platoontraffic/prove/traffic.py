@@ -164,7 +164,8 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
     junction before it, those that let a vehicle in beside it, and those that wait to change to a lane on which one of
     SUMO's own cars, or such a member, stands for as long. Where nobody has to give way, SUMO's cars drive through each
     other: they show no time to wait. One that comes to a light as it closes waits until it opens, whether one of SUMO's
-    cars happens to come then or not.
+    cars happens to come then or not. And one may stand behind a vehicle of SUMO's as long as that stands, which then
+    waits for no member: no other one stands but for the queue behind, and the members do not arrive too late.
     """
     for pair in made:
         if pair.platoons is None or pair.sumo is None:
@@ -172,6 +173,8 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
         long_on = {*pair.sumo.long_on, *(stand.lane for stand in pair.sumo.stands if stand.lasts > LONG)}
         beside = {stand.lane: stand.lasts for stand in sorted(pair.sumo.stands, key=lambda stand: stand.lasts)}
         excused = _excused(pair.platoons.stands, long_on, beside)
+        if pair.platoons.last_arrival <= LATEST * pair.sumo.last_arrival:
+            excused |= _behind_sumos(pair.platoons.stands)
         own = [stand for stand in pair.platoons.stands if stand.lasts > LONG and stand not in excused]
         if own:
             longest = max(own, key=lambda stand: stand.lasts)
@@ -179,6 +182,19 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
             yield f"seed {pair.seed}: {longest.vehicle} stands {where}, where none of SUMO's cars stands for {LONG:g} s"
         if unknown := sum(stand.why == NO_REASON for stand in pair.platoons.stands):
             yield f"seed {pair.seed}: {unknown} standstills without a reason"
+
+
+def _behind_sumos(stands: Sequence[Stand]) -> set[Stand]:
+    """Standstills behind vehicles of SUMO's while no other member stands, and those of the queues behind."""
+    members, found = {stand.vehicle for stand in stands}, set()
+    for first in stands:
+        if first.behind and first.behind not in members:
+            queue = {first}
+            while more := {stand for stand in stands if any(map(stand.is_in_queue_of, queue))} - queue:
+                queue |= more
+            if not any(map(first.is_with, set(stands) - queue)):
+                found |= queue
+    return found
 
 
 def _excused(stands: Sequence[Stand], long_on: Set[str], beside: Mapping[str, float]) -> set[Stand]:

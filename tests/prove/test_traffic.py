@@ -275,6 +275,18 @@ def test_a_queue_behind_a_member_that_stands_where_sumos_cars_do_is_no_fault():
     assert not verdict(ride(stands=tuple(ring)), own).holds
 
 
+def test_one_behind_a_car_of_sumos_may_stand_as_long_as_that_does_while_no_other_member_stands():
+    """On a random network one stood for 81 s behind a car that waited for a gap, and arrived before SUMO's own."""
+    first = Stand("p0.0", 81.0, "behind: behind car.306", "a_0", begins=100.0)
+    behind, light = first._replace(vehicle="p0.1", why="behind: behind p0.0"), "held: held by light"
+    assert verdict(ride(stands=(first, behind)), ride()).holds
+    assert not verdict(ride(stands=(first, behind), arrivals=(100.0, 138.0)), ride()).holds
+    other = Stand("p1.0", 50.0, light, "b_0", begins=110.0)  # the car may wait for this one
+    assert not verdict(ride(stands=(first, behind, other)), ride()).holds
+    assert verdict(ride(stands=(first, behind, other._replace(begins=170.0))), ride()).holds
+    assert not verdict(ride(stands=(first._replace(why=light), behind)), ride()).holds
+
+
 def test_a_queue_behind_one_that_waits_beside_a_queue_is_no_fault_if_that_one_waits_for_a_little_less_than_long():
     """In Bologna it waited for 58 s, and the one behind it stood for 62 s."""
     queue = Stand("p0.1", 79.0, "behind: behind x", "a_1")
@@ -376,7 +388,8 @@ def test_a_queue_inside_a_junction_reaches_back_from_the_edge_beyond(lane, queue
     none = pd.Series(dtype=float)
     (stand,) = _stands(found.assign(x_m=0.0, y_m=0.0), 99.0, none, On(), {"p0.0": TRIP._replace(lines=(cross,))})
     assert stand.queue == queue
-    assert verdict(ride(stands=(stand,)), ride(long_on=("b_0",))).holds == (queue == "b" or lane == "b_0")
+    other = Stand("p1.0", 55.0, "held: held by light", "c_0", begins=20.0)  # the vehicle ahead may wait for this one
+    assert verdict(ride(stands=(stand, other)), ride(long_on=("b_0",))).holds == (queue == "b" or lane == "b_0")
 
 
 @pytest.mark.parametrize(("lane", "onto"), [("z_0", "a_1"), (":k_0_0", "a_1"), ("a_0", "a_1"), ("a_1", "")])
