@@ -24,7 +24,9 @@ from platoontraffic.vehicles.bicycle import VALID_LATERAL
 from platoontraffic.world.events import ENOUGH_BEAMS, EXPOSED, SHORT_ENCROACHMENT, STANDSTILL_AFTER, WALL
 
 # Kinds of contact of which the other is the cause.
-CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes", "other_swung_out", "other_appeared", "stood")
+CAUSED_BY_OTHER = (
+    "struck_from_behind", "other_changed_lanes", "other_swung_out", "other_crossed_middle", "other_appeared", "stood",
+)  # fmt: skip
 CAUSED_BY_ROAD = ("lanes_overlap", "appeared")  # by neither of the two
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 

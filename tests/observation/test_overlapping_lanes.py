@@ -20,17 +20,23 @@ LENGTH, WIDTH = CAR.length, CAR.width
 LITTLE, MUCH = KEEPS * WIDTH - 0.05, KEEPS * WIDTH + 0.05
 
 
-def met(apart: float, off: float = 0.0, its_off: float = 0.0, heading: float = 0.0) -> str:
+def met(
+    apart: float, off: float = 0.0, its_off: float = 0.0, heading: float = 0.0, middle: float = math.nan,
+    left_hand: bool = False, its_heading: float = math.pi,
+) -> str:  # fmt: skip
     """What is said of the contact of a member that drives east and a car that drives west.
 
     apart : middles of their lanes [m]
     off   : distance of the member from the middle of its lane, towards the other one [m]; its_off: of that one
+    middle: of the road, along y [m]; NaN: it has none
     """
     lanes = shapely.LineString([(-200, 0), (200, 0)]), shapely.LineString([(200, apart), (-200, apart)])
     headed = lambda x, y, heading: lanes[0 if math.cos(heading) > 0 else 1]  # noqa: E731
-    observed = Observed(platoon(constant(0.0), model=CAR), SimpleNamespace(**{**vars(ROAD), "lane_headed": headed}))
+    right = lambda x, y, heading: (y - middle) * -np.sign(np.cos(heading))  # noqa: E731
+    changes = {"lane_headed": headed, "right_of_middle": right, "left_hand": left_hand}
+    observed = Observed(platoon(constant(0.0), model=CAR), SimpleNamespace(**{**vars(ROAD), **changes}))
     for k in range(60):
-        other = 20.0 - 0.4 * k, apart - its_off, np.pi
+        other = 20.0 - 0.4 * k, apart - its_off, its_heading
         found = observed.at(k / 10, x=0.3 * k, y=off, heading=heading, speed=3.0, others=[other]).events
         if what := [event.what for event in found if event.kind == "collision"]:
             return what[0]
@@ -62,6 +68,29 @@ def test_where_the_lanes_do_not_overlap_the_road_is_not_the_cause():
 def test_the_other_one_must_keep_to_its_lane_too():
     assert met(1.2, its_off=MUCH) == "beside"
     assert met(1.2, its_off=LITTLE) == "lanes_overlap"
+
+
+@pytest.mark.parametrize(
+    ("off", "its_off", "left_hand", "what"),
+    [
+        (0.0, 1.6, False, "other_crossed_middle"),  # it reaches to 0.7 m, and the member to 0.9 m
+        (1.0, 1.6, False, "beside"),  # both are beyond the middle
+        (1.5, 0.0, False, "beside"),  # the member is
+        (0.0, 1.6, True, "beside"),  # each is on the other's side
+    ],
+)
+def test_one_that_comes_over_the_middle_of_the_road_is_the_cause_if_the_member_keeps_to_its_side(
+    off, its_off, left_hand, what
+):
+    """The lanes are 3.2 m wide. In Bologna buses that cut a bend touched members which braked on their own lane."""
+    assert met(3.2, off, its_off, middle=1.6, left_hand=left_hand) == what
+
+
+def test_over_the_middle_every_corner_counts_and_both_directions():
+    askew = math.asin(2 * 0.6 / LENGTH)
+    assert met(3.2, 0.6, its_off=0.75, middle=1.6, its_heading=math.pi + askew) == "other_crossed_middle"
+    assert met(3.2, 0.6, its_off=0.75, heading=askew, middle=1.6) == "beside"
+    assert met(3.2, 0.0, 1.6, middle=1.6, its_heading=0.0) != "other_crossed_middle"  # it drives backwards
 
 
 def test_on_a_bend_its_place_is_along_the_bend():
