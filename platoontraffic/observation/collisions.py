@@ -9,8 +9,8 @@ was not there one step before: SUMO has inserted that beside the other. Or the o
 struck a member that had stood for STOOD_BLAME on the lanes of its own edge: SUMO's drivers see vehicles on their own
 lane only, and drive through what stands where lanes of two directions overlap. Its pedestrians walk into what stands
 anywhere. Or lanes of two directions overlap so much there that two vehicles that keep to them touch
-(`overlapping_lanes`). Or the other came towards the member with a part of its body beyond the middle of the road, and
-the whole member was on its own side: long vehicles that keep the middle of their front on the lane cut bends.
+(`overlapping_lanes`). Or a part of the other was beyond the middle of the road, and all of the member was on its own
+side: long vehicles that keep the middle of their front on the lane cut bends.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ DETAILS = {
     "swung_out": "swung its rear into the other, in a bend that no vehicle on wheels can drive so",
     "stood": "the other came from another direction, and struck it where it stood",
     "lanes_overlap": "each was in the middle of its lane, and the lanes of two directions overlap there",
-    "other_crossed_middle": "the other came towards it over the middle of the road",
+    "other_crossed_middle": "the other was beyond the middle of the road",
     "other_swung_out": "the other swung its rear into it, in a bend that no vehicle on wheels can drive so",
 }
 SIDE = 0.1  # distance beyond the middle of the road up to which a vehicle is on its own side [m]
@@ -114,12 +114,10 @@ class Collisions:
         return oncoming and is_caused_by_road(one, other)
 
     def _crossed_the_middle(self, both: Together) -> bool:
-        """Whether the second of two oncoming vehicles is beyond the middle of the road, and the first one nowhere."""
+        """Whether the second vehicle is beyond the middle of the road, and the first one nowhere."""
         over = []
-        outlines = [Course.of(*both.poses[n], both.length[n], both.width[n]).outline() for n in (0, 1)]
-        if math.cos(outlines[0].heading - outlines[1].heading) > -SAME_DIRECTION:
-            return False
-        for outline in outlines:
+        for poses, length, width in zip(both.poses, both.length, both.width, strict=True):
+            outline = Course.of(*poses, float(length), float(width)).outline()
             x, y = shapely.get_coordinates(outline.moved(0, 0)).T
             right = self._network.right_of_middle(x, y, np.full(len(x), outline.heading))
             if np.isnan(right).any():  # inside a junction, on a one-way road, or off the road

@@ -90,7 +90,6 @@ def test_over_the_middle_every_corner_counts_and_both_directions():
     askew = math.asin(2 * 0.6 / LENGTH)
     assert met(3.2, 0.6, its_off=0.75, middle=1.6, its_heading=math.pi + askew) == "other_crossed_middle"
     assert met(3.2, 0.6, its_off=0.75, heading=askew, middle=1.6) == "beside"
-    assert met(3.2, its_off=-0.5, middle=1.6, its_heading=math.radians(100)) == "beside"  # it does not come towards it
 
 
 def test_on_a_bend_its_place_is_along_the_bend():
