@@ -199,9 +199,9 @@ EVENT_KINDS = {
             "front, and the other was on its own side of the road; inside a junction and on a one-way road, on a lane. "
             f"Or it had stood for {STOOD_BLAME:g} s, on the lanes of its own edge, when one from another direction "
             "struck it, or anywhere when a pedestrian did. Or each was in the middle of its lane, and lanes of two "
-            "directions overlap there. Or the other was beyond the middle of the road, and all of it was on its own side. "
-            f"Or the other was not there {APPEARANCE_BLAME:g} s before, or it was not there itself one "
-            "step before: SUMO has inserted it. Empty for a wall",
+            "directions overlap there. Or the other was beyond the middle of the road, and all of it was on its own "
+            f"side. Or the other was not there {APPEARANCE_BLAME:g} s before, or it was not there itself one step "
+            "before: SUMO has inserted it. Empty for a wall",
             (
                 "struck_from_behind",
                 "struck_other_from_behind",
