@@ -8,13 +8,14 @@ replaced by the q that minimises
     sum |q - p - d|^2 + w sum |third differences of q|^2
 
 where d leads half as far to the inside of the bend as the front is farther out (E. T. Whittaker, On a new method of
-graduation, Proc. Edinburgh Mathematical Society 41, 1922: the third differences are the rate of the curvature). It is
-one of those that stay in a corridor about the line, and nowhere bend more sharply than the vehicle can. Places and
-second differences of q are brought within these limits by the alternating direction method of multipliers (S. Boyd et
-al., Distributed optimization and statistical learning via the alternating direction method of multipliers, Foundations
-and Trends in Machine Learning 3, 2011). The result is near the least sum: the rounds are few, and the limit of
-curvature makes the problem not quite convex. Where q is still beyond a limit, as in half turns at full lock, the line
-is not eased.
+graduation, Proc. Edinburgh Mathematical Society 41, 1922: the third differences are the rate of the curvature). R is
+that of the mean curvature about a place. In an S, as where lanes leap aside at a junction, that cancels, and the front
+of a long vehicle would reach into the lane beside; there 1/R is the mean without signs. The q is one of those that stay
+in a corridor about the line, and nowhere bend more sharply than the vehicle can. Places and second differences of q are
+brought within these limits by the alternating direction method of multipliers (S. Boyd et al., Distributed optimization
+and statistical learning via the alternating direction method of multipliers, Foundations and Trends in Machine Learning
+3, 2011). The result is near the least sum: the rounds are few, and the limit of curvature makes the problem not quite
+convex. Where q is still beyond a limit, as in half turns at full lock, the line is not eased.
 """
 
 from __future__ import annotations
@@ -45,10 +46,10 @@ BESIDE, SHARPER = 0.1, 0.05  # by which q may be beyond its limits [of the corri
 compiled = compiler(__file__)
 
 
-def corridor_of(width: float) -> tuple[float, float]:
-    """`tolerance` and `beyond` of `eased` for a vehicle of a width [m]."""
-    tolerance = EASING * width
-    return tolerance, tolerance * (BEYOND if tolerance <= (LANE - width) / 2 else 1.0)
+def corridor_of(width: float) -> tuple[float, float, float]:
+    """`tolerance`, `beyond` and `room` of `eased` for a vehicle of a width [m]."""
+    tolerance, room = EASING * width, max((LANE - width) / 2, 0.0)
+    return tolerance, tolerance * (BEYOND if tolerance <= room else 1.0), room
 
 
 def eased(
@@ -58,6 +59,7 @@ def eased(
     lock: float,
     tolerance: float,
     beyond: float,
+    room: float,
     width: float,
     spacing: float,
     front: float,
@@ -69,6 +71,8 @@ def eased(
     given            : points of the lane line that `stations` are along (k, 2) [m]
     lock             : curvature that is not exceeded where the line does not [1/m]
     tolerance        : greatest displacement beside d [m]
+    beyond           : greatest displacement beyond d, to the inside of a bend [m]
+    room             : beside the body, in the middle of a lane [m]
     width            : of the average [m]
     spacing          : of the points [m]
     front            : distance of the front bumper from the axle on the line [m]
@@ -83,11 +87,11 @@ def eased(
     left, onward = left_of(onward)[1:-1], onward[1:-1]
     off = ((onward - _onward(lane, lap, closed)) * left).sum(axis=1)  # that the line has left the lane
     farthest = np.maximum(least + TOTAL * tolerance, np.abs(off))
-    turn = _turn_about(onward, round(width / spacing))
-    wanted = turn / (2 * width) * front**2 / 4
+    turn, swerve = _turns_about(onward, round(width / spacing))
+    wanted = _lead(turn / (2 * width), swerve / (2 * width), front, room)
     # To the right, and to the left.
     is_inside, lead = np.column_stack([-turn, turn]) > TURNS, np.column_stack([-wanted, wanted])
-    aside = np.where(is_inside, np.maximum(tolerance, lead + beyond), OUTSIDE * tolerance)
+    aside = np.where(is_inside, np.maximum(tolerance, lead + beyond), np.maximum(OUTSIDE * tolerance, lead))
     corridor = np.column_stack([np.maximum(-aside[:, 0], -farthest - off), np.minimum(aside[:, 1], farthest - off)])
     moved = _gentlest(onward, left, wanted, corridor, tolerance, sharpest, (width / spacing) ** 6) - onward
     share = _share_within(moved, onward, left, corridor, sharpest, round(width / spacing), closed)
@@ -98,11 +102,35 @@ def eased(
     return line + moved + even[0, :2], stations + along * np.gradient(stations, stations_of(line))
 
 
-def _turn_about(line: np.ndarray, around: int) -> np.ndarray:
-    """By how much a line (m, 2) turns to the left about each point, within so many points before and beyond [rad]."""
+def _turns_about(line: np.ndarray, around: int) -> tuple[np.ndarray, np.ndarray]:
+    """By how much a line (m, 2) turns to the left about each point, within so many points before and beyond [rad].
+
+    Second, in an S, where more than half of that cancels, how much it turns to both sides, with the sign of the nearer
+    bend; elsewhere 0.
+    """
     heading = np.unwrap(np.arctan2(*np.diff(line, axis=0).T[::-1]))
-    place = np.arange(len(line))
-    return heading[(place + around).clip(max=len(heading) - 1)] - heading[(place - around - 1).clip(0)]
+    turns, place = np.concatenate([[0.0], np.diff(heading), [0.0]]), np.arange(len(line))
+    turn = heading[(place + around).clip(max=len(heading) - 1)] - heading[(place - around - 1).clip(0)]
+    both = _summed(np.abs(turns), around)
+    nearer = _summed(_summed(turns, around // 2), around // 2)  # weights fall with the distance
+    return turn, np.where(np.abs(turn) < both / 2, np.sign(nearer) * both, 0.0)
+
+
+def _summed(values: np.ndarray, around: int) -> np.ndarray:
+    """The sum of values (m,) from so many before each to as many beyond it, (m,)."""
+    place, sums = np.arange(len(values)), np.concatenate([[0.0], np.cumsum(values)])
+    return sums[(place + around + 1).clip(max=len(values))] - sums[(place - around).clip(0)]
+
+
+def _lead(curvature: np.ndarray, swerve: np.ndarray, front: float, room: float) -> np.ndarray:
+    """The displacement d to the left [m], (m,): in an S as far as the front would leave the lane, half as far at most.
+
+    curvature, swerve : mean curvature of the line about each point, and that of an S [1/m], (m,)
+    front, room       : as of `eased`
+    """
+    in_bend, out = curvature * front**2 / 4, np.abs(swerve) * front**2 / 2
+    in_swerve = np.clip(out - room, 0.0, out / 2)
+    return np.where(np.abs(in_bend) >= in_swerve, in_bend, np.copysign(in_swerve, swerve))
 
 
 def _least_offset(given: np.ndarray, stations: np.ndarray, lock: float, closed: bool) -> np.ndarray:

@@ -14,7 +14,7 @@ from platoontraffic.road.eased_line import ABOVE_LOCK, BEYOND, EASING, corridor_
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
 
-LOCK, TOLERANCE, WIDTH, SPACING = 1 / 4.65, 0.5, 5.7, 0.47  # of a car
+LOCK, TOLERANCE, ROOM, WIDTH, SPACING = 1 / 4.65, 0.5, 0.7, 5.7, 0.47  # of a car
 FRONT = CARS["car"].length / 2 - CARS["car"].axle
 WITHIN = 0.03  # of its corridor [m]
 
@@ -25,10 +25,10 @@ def corner(radius, leg=60.0, turn=np.pi / 2):
     return np.vstack([(-leg, 0), arc, arc[-1] + leg * np.array([np.cos(turn), np.sin(turn)])])
 
 
-def easy(points, closed=False, tolerance=TOLERANCE, front=0.0):
+def easy(points, closed=False, tolerance=TOLERANCE, front=0.0, room=ROOM):
     points = np.asarray(points, dtype=float)
     line, stations = drivable(points, LOCK, SPACING, closed)
-    return eased(line, stations, points, LOCK, tolerance, BEYOND * tolerance, WIDTH, SPACING, front, closed)
+    return eased(line, stations, points, LOCK, tolerance, BEYOND * tolerance, room, WIDTH, SPACING, front, closed)
 
 
 def curvature(points):
@@ -224,10 +224,32 @@ def test_in_a_sharp_bend_that_is_cut_the_body_reaches_as_far_to_either_side(radi
     assert inside < model.length / 6
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_where_lanes_leap_aside_the_front_of_a_van_stays_out_of_the_lane_beside(side):
+    """A junction of SUMO's `fokr_bs_demo`: oncoming cars are 2.2 m from the middle of the lane beyond it."""
+    van = CARS["van"]
+    points = np.array([(0, 0), (60, 0), (62.8, 4.6), (120, 4.6)]) * (1, side)
+    route = Route.along(("a",), points, np.full(4, 13.9)).drivable_by(van)
+    beyond = np.column_stack([np.arange(62.8, 90, 0.2), np.full(136, 4.6 * side)])
+    line = shapely.LineString(route.line.points)
+    axles = shapely.get_coordinates(line.interpolate(np.arange(50.0, 90.0, 0.2)))
+    ahead = np.gradient(axles, axis=0)
+    ahead /= np.hypot(*ahead.T)[:, None]
+    outer = side * np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    corners = axles + (van.length / 2 - van.axle) * ahead + van.width / 2 * outer
+    assert (side * corners[:, 1] - 4.6).max() < 2.0
+    assert shapely.distance(line, shapely.points(beyond))[30:].max() < 0.5
+
+
+def test_a_lane_change_is_eased_as_if_there_were_endless_room():
+    change = [(0, 0), (40, 0), (70, 3.2), (110, 3.2)]
+    assert (easy(change, front=FRONT)[0] == easy(change, front=FRONT, room=np.inf)[0]).all()
+
+
 def test_a_vehicle_that_is_too_wide_for_that_may_cut_bends_by_more():
     """With less, in a roundabout of two lanes, vans and trucks swung out over the lane beside more often."""
-    assert corridor_of(1.8) == pytest.approx((0.504, 0.252))
-    assert corridor_of(2.4) == pytest.approx((0.672, 0.672))
+    assert corridor_of(1.8) == pytest.approx((0.504, 0.252, 0.7))
+    assert corridor_of(2.4) == pytest.approx((0.672, 0.672, 0.4))
 
 
 @settings(max_examples=40, deadline=None)
@@ -242,7 +264,7 @@ def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(st
     x = np.concatenate([[0.0], np.cumsum(steps)])
     given_line = np.column_stack([x, aside[: len(x)]])
     before, stations = drivable(given_line, LOCK, SPACING)
-    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, BEYOND * TOLERANCE, WIDTH, SPACING, front)
+    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, BEYOND * TOLERANCE, ROOM, WIDTH, SPACING, front)
     sharpest = max(LOCK, curvature(before).max(initial=0.0))
     assert curvature(points).max(initial=0.0) <= 1.075 * sharpest  # a vehicle can turn 1.08 times as sharply as LOCK
     off = shapely.distance(shapely.points(points), shapely.LineString(before))
