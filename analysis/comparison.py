@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from platoontraffic.analysis import figures
-from platoontraffic.analysis.results import Results, load
+from platoontraffic.analysis.results import Results, load_run
 
 KEYS = ["scope", "platoon_id", "vehicle_id", "metric", "unit"]
 DRAWN = {"gap_m": "gap [m]", "speed_mps": "speed [m/s]"}
@@ -30,7 +30,7 @@ def compared(folders: Sequence[Path], scope: str | None = None) -> pd.DataFrame:
     """
     values = []
     for folder in folders:
-        metrics = load(folder).metrics
+        metrics = load_run(Path(folder)).metrics
         metrics = metrics[metrics.scope == scope] if scope else metrics
         values.append(metrics.set_index(KEYS).value)
     table = pd.concat(values, axis=1, keys=range(len(values)), sort=False)

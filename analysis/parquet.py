@@ -14,7 +14,7 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from platoontraffic.analysis.reading import ResultsError, inside
-from platoontraffic.analysis.results import load, resources
+from platoontraffic.analysis.results import load_batch, load_run, resources
 from platoontraffic.analysis.writing import replacing
 
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  # others are guessed
@@ -27,7 +27,7 @@ def export(folder: Path | str) -> list[Path]:
     """
     folder = Path(folder)
     with warnings.catch_warnings(action="ignore"):  # about runs of a batch that are not done; the files say which are
-        results = load(folder)
+        results = load_batch(folder) if (folder / "study.toml").is_file() else load_run(folder)
     try:
         files = [_write(folder / f"{name}.parquet", [_table(folder, name)]) for name in resources(folder)]
         if (folder / "study.toml").is_file() and len(results.summary):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from platoontraffic.analysis import crowd, figures
 from platoontraffic.analysis.reading import inside
-from platoontraffic.analysis.results import Results, ResultsError, load_run
+from platoontraffic.analysis.results import Results, ResultsError, load_so_far
 from platoontraffic.analysis.writing import replacing
 
 FORMATS = ("png", "svg", "pdf")
@@ -28,25 +28,25 @@ class Picture(NamedTuple):
 
 
 def picture(folder: Path | str, to: Path | str, what: str = "sheet") -> Path:
-    """Draw a finished run into a file (.png, .svg or .pdf), its largest platoon in colours.
+    """Draw a run into a file (.png, .svg or .pdf), its largest platoon in colours.
 
     what: a name in NAMES, or "sheet": the road, the gaps and the lock losses; of a crowd, the map
 
     raises: ResultsError (also: the run has no values for it), OSError (it cannot be written)
     """
-    results = load_run(Path(folder))
+    results = load_so_far(Path(folder))
     what = "map" if what == "sheet" and crowd.is_crowd(results.trajectories) else what
     return _saved(_sheet(results) if what == "sheet" else figure(results, what), Path(to))
 
 
 def pictures(folder: Path | str, names: Sequence[str], format: str = "png") -> list[Path]:
-    """Draw several pictures of a finished run, each into the file plot-NAME in its folder.
+    """Draw several pictures of a run, each into the file plot-NAME in its folder.
 
     names: in NAMES; none: all of which the run has values
 
     raises: as `picture`
     """
-    results = load_run(Path(folder))
+    results = load_so_far(Path(folder))
     drawn = {name: figure(results, name) for name in names} or there(results)
     return [_saved(one, results.folder / f"plot-{name}.{format}") for name, one in drawn.items()]
 
@@ -213,6 +213,12 @@ def _time_space(axes: Axes, results: Results) -> None:
     figures.from_to(axes, main.time_s.min(), main.time_s.max())
 
 
+def _amplification(axes: Axes, results: Results) -> None:
+    if results.metrics.empty:
+        raise ResultsError(f"{results.folder}: an unfinished run, which has no metrics")
+    figures.gains(results.metrics, axes, figures.main_platoon(results.trajectories))
+
+
 OVER_TIME = {  # title and column
     "speed": ("Speed", "speed_mps"),
     "acceleration": ("Acceleration", "accel_mps2"),
@@ -232,10 +238,7 @@ PICTURES: Mapping[str, Picture] = {
     "lateral": Picture(
         "Lateral offset along the path", lambda axes, results: figures.offsets(results.trajectories, axes)
     ),
-    "amplification": Picture(
-        "String amplification",
-        lambda axes, results: figures.gains(results.metrics, axes, figures.main_platoon(results.trajectories)),
-    ),
+    "amplification": Picture("String amplification", _amplification),
     "distribution": Picture(
         "Distribution of gaps in the platoon",
         lambda axes, results: figures.gap_distribution(results.trajectories, axes, results.events),
@@ -267,6 +270,8 @@ def of_run(results: Results) -> str:
     except (OSError, ValueError, AttributeError):
         seed = None
     parts = [folder.parent.name, *([] if seed is None else [f"seed {seed}"]), f"run {folder.name}"]
+    if not results.finished:
+        parts.append(f"unfinished: until {results.trajectories.time_s.max():g} s")
     return " · ".join(parts)
 
 

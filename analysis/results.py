@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shlex
 import warnings
 import zipfile
 from collections.abc import Sequence
@@ -80,6 +81,8 @@ class Scans:
 class Results:
     """The tables of one run, and the scene it drove in.
 
+    Tables of an unfinished run end where writing ended, without units. It has metrics only if one of a plug-in failed.
+
     scene: kind ("road", "junctions", "lanes", "middle", "walls", "buildings", "signals") -> list of lines, each a
            list of [x, y] in metres; areas are their rings
 
@@ -96,11 +99,13 @@ class Results:
     events: pd.DataFrame
     metrics: pd.DataFrame
     scene: dict[str, list[list[list[float]]]]
+    finished: bool = True
 
     def __repr__(self) -> str:
         """What it is in short, for notebooks."""
         rows, members = len(self.trajectories), self.trajectories.vehicle_id.nunique()
-        return f"<Results of {self.folder}: {rows} rows of {members} members, {len(self.events)} events>"
+        unfinished = "" if self.finished else ", unfinished"
+        return f"<Results of {self.folder}: {rows} rows of {members} members, {len(self.events)} events{unfinished}>"
 
     @cached_property
     def traffic(self) -> pd.DataFrame | None:
@@ -128,7 +133,11 @@ class Results:
 
     def _optional(self, name: str) -> pd.DataFrame | None:
         file = inside(self.folder, f"{name}.csv")
-        return _read(file, OPTIONAL[name], resources(self.folder).get(name, [])) if file.is_file() else None
+        if not file.is_file():
+            return None
+        if not self.finished:
+            return _read_so_far(file, OPTIONAL[name])
+        return _read(file, OPTIONAL[name], resources(self.folder).get(name, []))
 
 
 @dataclass(frozen=True)
@@ -184,12 +193,19 @@ class Batch:
 
 
 def load(folder: Path | str) -> Results | Batch:
-    """The results of a run or of a batch. Warns (UserWarning) if runs of a batch are missing.
+    """The results of a run or of a batch. Warns (UserWarning) if the run is unfinished, or if the batch lacks runs.
 
     raises: ResultsError naming what is wrong or missing
     """
     folder = Path(folder)
-    return load_batch(folder) if (folder / "study.toml").is_file() else load_run(folder)
+    if (folder / "study.toml").is_file():
+        return load_batch(folder)
+    results = load_so_far(folder)
+    if not results.finished:
+        until = f"its tables end at {results.trajectories.time_s.max():g} s"
+        without = ", and it has no metrics" if results.metrics.empty else ""
+        warnings.warn(f"{folder}: an unfinished run: {until}{without}", stacklevel=2)
+    return results
 
 
 def load_batch(folder: Path) -> Batch:
@@ -235,15 +251,41 @@ def _with_new_runs(folder: Path, runs: pd.DataFrame, summary: pd.DataFrame) -> t
     return runs, pd.concat([summary, found], ignore_index=True) if len(summary) else found
 
 
+def load_so_far(folder: Path) -> Results:
+    """The results of a run, as far as they were written if it is unfinished. raises: ResultsError"""
+    if (folder / "DONE").is_file() or not (folder / "trajectories.csv").is_file():
+        return load_run(folder)
+    files = {name: inside(folder, f"{name}.csv") for name in NEEDED}
+    none = {"metrics": pd.DataFrame(columns=NEEDED["metrics"])} if not files["metrics"].is_file() else {}
+    tables = {name: _read_so_far(file, NEEDED[name]) for name, file in files.items() if name not in none} | none
+    if tables["trajectories"].empty:
+        raise ResultsError(f"{folder}: an unfinished run, of which nothing was recorded")
+    return Results(folder, **tables, scene=_scene(folder), finished=False)
+
+
+def _read_so_far(file: Path, needed: Sequence[str]) -> pd.DataFrame:
+    """The whole lines of a table: the last one of a run that was killed may be cut. raises: ResultsError"""
+    try:
+        text = file.read_text(encoding="utf-8")
+        return read_table(io.StringIO(text[: text.rfind("\n") + 1]), needed)
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{file}: cannot be read: is damaged, or nothing is written to it yet") from error
+
+
 def load_run(folder: Path) -> Results:
-    """raises: ResultsError"""
+    """The results of a finished run. raises: ResultsError"""
     if not folder.is_dir():
         raise ResultsError(f"{folder}: {'a file, not the folder of a run' if folder.exists() else 'no such folder'}")
     if not (folder / "DONE").is_file():
-        what = "an unfinished run" if (folder / "trajectories.csv").is_file() else "not the folder of a run"
-        raise ResultsError(f"{folder}: {what}: a finished run has a file DONE")
-    drawn = inside(folder, "scene.geojson")
-    for file in (*(inside(folder, f"{name}.csv") for name in NEEDED), drawn, folder / "datapackage.json"):
+        if not (folder / "trajectories.csv").is_file():
+            raise ResultsError(f"{folder}: not the folder of a run: a finished run has a file DONE")
+        complete = f"`platoontraffic run {shlex.quote(str(folder / 'config.toml'))}` repeats it"
+        raise ResultsError(f"{folder}: an unfinished run; {complete}, and `plot` draws what there is")
+    for file in (
+        *(inside(folder, f"{name}.csv") for name in NEEDED),
+        inside(folder, "scene.geojson"),
+        folder / "datapackage.json",
+    ):
         if not file.is_file():
             raise ResultsError(f"{folder}: {file.name} is missing")
     described = resources(folder)
@@ -252,12 +294,18 @@ def load_run(folder: Path) -> Results:
     for name, needed in NEEDED.items():
         tables[name] = _read(inside(folder, f"{name}.csv"), needed, described.get(name, []))
         tables[name].attrs["units"] = units.get(name, {})
+    return Results(folder, **tables, scene=_scene(folder))
+
+
+def _scene(folder: Path) -> dict[str, list[list[list[float]]]]:
+    """raises: ResultsError"""
+    file = inside(folder, "scene.geojson")
     try:
-        scene = json.loads(drawn.read_text(encoding="utf-8"))
-        shapes = shapes_of(scene)
+        return shapes_of(json.loads(file.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise ResultsError(f"{file}: {error.strerror}") from error
     except (ValueError, TypeError, KeyError) as error:
-        raise ResultsError(f"{drawn}: is not the scene of a run: {error}") from error
-    return Results(folder, **tables, scene=shapes)
+        raise ResultsError(f"{file}: is not the scene of a run: {error}") from error
 
 
 def shapes_of(scene: dict) -> dict[str, list[list[list[float]]]]:

@@ -195,3 +195,22 @@ def test_nothing_is_warned_of_where_all_is_there(small):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         load(small)
+
+
+def test_an_unfinished_run_opens_as_far_as_it_was_written(small, tmp_path):
+    done = next(small.glob("*-s1"))
+    cut = shutil.copytree(done, tmp_path / "run.unfinished")
+    for name in ("DONE", "metrics.csv", "datapackage.json", "vehicles.csv"):
+        (cut / name).unlink()
+    whole = load(done).trajectories
+    text = (cut / "trajectories.csv").read_text()
+    (cut / "trajectories.csv").write_text(text[:-5])  # a killed process may leave a part of a line
+    with pytest.warns(UserWarning, match=r"unfinished run: its tables end at 0\.5 s, and it has no metrics"):
+        results = load(cut)
+    assert not results.finished
+    assert results.trajectories.equals(whole[:-1])
+    assert results.metrics.empty
+    assert results.vehicles is None
+    (cut / "trajectories.csv").write_text(text.partition("\n")[0] + "\n")
+    with pytest.raises(ResultsError, match="nothing was recorded"):
+        load(cut)

@@ -46,6 +46,11 @@ def test_strips_are_called_by_what_they_show(ring):
     assert strips_figure(single).get_suptitle().startswith("Speed over time\n")
 
 
+def test_a_picture_of_an_unfinished_run_says_so(ring):
+    assert "unfinished" not in figure(ring, "gap").get_suptitle()
+    assert figure(replace(ring, finished=False), "gap").get_suptitle().endswith("· unfinished: until 20 s")
+
+
 def test_an_unrolled_street_shows_offsets_to_the_left_as_positive():
     scene = {"road": [[[-3.0, -30.0], [3.0, -30.0], [3.0, 390.0], [-3.0, 390.0]]]}
     axes = figures.unrolled(street(1.5), Figure().subplots(), scene)

@@ -232,7 +232,11 @@ def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, name):
     assert not (kept / "DONE").exists()
     assert (kept / "trajectories.csv").read_text().endswith("\n")
     assert '"status": "unfinished"' in (kept / "provenance.json").read_text()
-    assert "an unfinished run" in call("plot", kept).stderr
+    refused = call("report", kept)
+    assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
+    assert f"an unfinished run; `platoontraffic run {kept / 'config.toml'}` repeats it" in refused.stderr
+    assert call("plot", kept).stdout == f"{kept / 'plot.png'}\n"
+    assert "unfinished run, which has no metrics" in call("plot", kept, "--what", "amplification").stderr
 
 
 @pytest.mark.slow
