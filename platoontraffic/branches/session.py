@@ -17,7 +17,7 @@ from platoontraffic.observation.instant import Instant
 from platoontraffic.results import statistics
 from platoontraffic.results.own_copies import take_own_copies
 from platoontraffic.scenario import Change, Scenario
-from platoontraffic.scenario.overrides import branch_of
+from platoontraffic.scenario.overrides import branch_of, check_once
 from platoontraffic.simulation import Outcome, Simulation, prepare, setting_of
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.world.prepared import after_branch, branched
@@ -89,6 +89,7 @@ class SimulationProcess:
         if not all(isinstance(change, str) for change in changes):
             raise InputError(f"changes: {changes}: must be texts such as 'platoon.follower.law=acc'")
         scenario, parsed = self._scenario, [Change.parse(text, number) for number, text in enumerate(changes, start=1)]
+        check_once(parsed)
         if parsed:
             check_has_no_branch(scenario)
             scenario = scenario.branched(branch_of(self.now.time, parsed)).then

@@ -17,7 +17,7 @@ from platoontraffic.cli.progress import RunBar, err, run_progress, say
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.recording import is_done, result_folder, run
 from platoontraffic.scenario import Change
-from platoontraffic.scenario.overrides import branch_of
+from platoontraffic.scenario.overrides import branch_of, check_once
 from platoontraffic.world.prepared import Prepared, branched
 
 
@@ -77,6 +77,7 @@ def branches_of(
     for number, texts in enumerate(then, start=1):
         try:
             changes = [_change(text.strip(), number) for text in texts.split(";") if text.strip()]
+            check_once(changes)
             scenario = prepared.scenario.branched(branch_of(at, changes))
             folder = result_folder(scenario, results)
             made.append((Branch(tuple(branch_of(at, changes)), folder), branched(prepared, scenario)))

@@ -72,6 +72,10 @@ def load(
     if not all(isinstance(a, str | Change) for a in arguments):
         raise InputError(f"changes: {arguments}: must be texts such as 'platoon.size=3'")
     changes = [a if isinstance(a, Change) else Change.parse(a, number) for number, a in enumerate(arguments, start=1)]
+    given = [change for change, argument in zip(changes, arguments, strict=True) if isinstance(argument, str)]
+    overrides.check_once(given)
+    if seed is not None and (twice := [change for change in given if change.key == "seed"]):
+        raise twice[0].fault(f"the seed is given as {seed} as well; must be given once")
     source = _find(name_or_file)
     config = read_configuration(source) if configurations.is_configuration(source) else None
     if config is None and platoons is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from platoontraffic.errors import InputError
@@ -36,6 +36,14 @@ class Change(NamedTuple):
 
     def fault(self, what: str) -> InputError:
         return InputError(f"{self.place}: {self.text!r}: {what}")
+
+
+def check_once(changes: Iterable[Change]) -> None:
+    """raises: InputError where two arguments set the same key, of which one would be lost"""
+    first: dict[str, Change] = {}
+    for change in changes:
+        if (before := first.setdefault(change.key, change)) is not change:
+            raise change.fault(f"the same key as {before.place}, {before.text!r}; must be given once")
 
 
 def leaves(table: Mapping[str, Any], path: KeyPath) -> Iterator[tuple[str, KeyPath, Any]]:

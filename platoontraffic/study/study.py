@@ -24,7 +24,7 @@ from platoontraffic.results import provenance
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted, fault_of, toml_lines
 from platoontraffic.scenario.named_code import BeforeCode
-from platoontraffic.scenario.overrides import leaves
+from platoontraffic.scenario.overrides import check_once, leaves
 from platoontraffic.scenario.scenario import relative_to
 from platoontraffic.study.conditions import Condition, condition
 from platoontraffic.study.folder_lock import SHARES
@@ -142,7 +142,9 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), before_code: B
     base = _base(file.base, source, place)
     located = partial(_located, beside=(source.parent, shipped.scenarios().get(base, Path(base)).parent))
     fixed = [located(Change(key, value, place(path), key)) for key, path, value in leaves(file.set, ("set",))]
-    fixed += [Change.parse(argument, number) for number, argument in enumerate(arguments, start=1)]
+    given = [Change.parse(argument, number) for number, argument in enumerate(arguments, start=1)]
+    check_once(given)
+    fixed += given
     axes = [axis._replace(rows=tuple(tuple(map(located, row)) for row in axis.rows)) for axis in _axes(file, place)]
     keys = tuple(key for axis in axes for key in axis.keys)
     first = [change for axis in axes for change in axis.rows[0]]

@@ -340,6 +340,8 @@ def test_faults_of_changes_are_reported_before_the_copy(trunk: SimulationProcess
     assert "platoon.0.size: does not change at a branch" in str(error.value)
     with pytest.raises(InputError, match="time_headway_s"):
         trunk.branch("platoon.follower.time_hedway_s=2")
+    with pytest.raises(InputError, match="must be given once"):
+        trunk.branch(f"{HEADWAY}=2", f"{HEADWAY}=3")
     changes = "branch.at_s=1", f"branch.then.{HEADWAY}=2"
     with (
         SimulationProcess.load("corridor_tracking", *changes) as other,

@@ -27,6 +27,10 @@ def run(tmp_path: Path, *arguments: str):
         (["--branch-at", "2"], "--branch-at: needs --then"),
         (["--branch-at", "2", "--then", "nonsense"], "--then 1: 'nonsense': must be key=value"),
         (["--branch-at", "2", "--then", HEADWAY, "--then", "platoon.size=3"], "--then 2: platoon.0.size: does not"),
+        (
+            ["--branch-at", "2", "--then", f"{HEADWAY}; {HEADWAY}"],
+            f"--then 1: '{HEADWAY}': the same key as --then 1, '{HEADWAY}'; must be given once",
+        ),
         (["--branch-at", "2.03", "--then", HEADWAY], "--branch-at: branch.at_s: 2.03: must be a multiple"),
         (["--branch-at", "9", "--then", HEADWAY], "--branch-at: branch.at_s: 9: must be before the end"),
         (["--branch-at", "2", "--then", "platoon.follower.law=sumo"], "law: SUMO drives it, or would"),

@@ -61,6 +61,13 @@ def test_a_dry_run_starts_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        (
+            ["run", "paper_loop", "platoon.size=3", "seed=2", "platoon.size=2"],
+            "argument 3: 'platoon.size=2': the same key as argument 1, 'platoon.size=3'; must be given once",
+        ),
+        (["run", "paper_loop", "seed=2", "--seed", "3"], "argument 1: 'seed=2': the seed is given as 3 as well"),
+        (["batch", "paper_follower", "run.laps=1", "run.laps=2"], "'run.laps=2': the same key as argument 1"),
+        (["string", "acc", "platoon.follower.law=cacc"], "the same key as argument 1, 'platoon.follower.law=acc'"),
         (["run", "paper_lop"], "paper_lop: no such scenario file or shipped scenario; did you mean 'paper_loop'?"),
         (["run", "paper_loop", "platoon.siz=3"], "argument 1: platoon.0.siz: unknown key; did you mean 'size'?"),
         (["run", "paper_loop", "--seed", "-1"], "argument: seed: -1: should be greater than or equal to 0"),
