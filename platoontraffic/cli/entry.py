@@ -44,5 +44,10 @@ def _of_the_shell(arguments: list[str], threads: str) -> str:
             argument.encode()
         except UnicodeEncodeError:
             return f"word {number} of the command, {argument!a}: is not UTF-8"
+        name, equals, value = argument.partition("=")
+        if not argument:  # as of a variable of the shell that is not set; as a path it would be the working directory
+            return f"word {number} of the command: is empty; must be a text, or be left out"
+        if name.startswith("--") and equals and not value:
+            return f"{name}: is empty; must be a text, or be left out"
     sound = threads.isdecimal() and int(threads) > 0
     return "" if sound else f"NUMBA_NUM_THREADS={threads}: must be a whole number, 1 or more"

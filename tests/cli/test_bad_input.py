@@ -227,6 +227,14 @@ def test_arguments_that_are_not_utf_8():
     assert (done.returncode, done.stderr.decode()) == (2, "word 4 of the command, 'inv\\udcff': is not UTF-8\n")
 
 
+@pytest.mark.parametrize(
+    ("words", "said"), [(("--out", ""), "word 4 of the command: is empty"), (("--out=",), "--out: is empty")]
+)
+def test_an_empty_word_is_refused(words: tuple[str, ...], said: str):
+    done = command("run", "paper_loop", *words, "--dry-run")
+    assert (done.returncode, done.stderr.decode()) == (2, f"{said}; must be a text, or be left out\n")
+
+
 @pytest.mark.parametrize("number", ["0", "x"])
 def test_a_number_of_threads_that_numba_does_not_take(number: str):
     done = command("check", "paper_loop", NUMBA_NUM_THREADS=number)
