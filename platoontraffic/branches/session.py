@@ -82,7 +82,8 @@ class SimulationProcess:
     def branch(self, *changes: str) -> SimulationProcess:
         """An exact copy at this instant, in a process of its own, with keys changed as in the scenario's `branch.then`.
 
-        raises: InputError with one line for every fault of the changes, RunError, RuntimeError (it is closed)
+        raises: InputError with one line for every fault of the changes, RunError, RuntimeError (it is closed, or
+                has ended and there are changes)
         """
         if self._process.closed:
             raise RuntimeError("the simulation is closed")
@@ -91,6 +92,7 @@ class SimulationProcess:
         scenario, parsed = self._scenario, [Change.parse(text, number) for number, text in enumerate(changes, start=1)]
         check_once(parsed)
         if parsed:
+            self._check_goes_on()
             check_has_no_branch(scenario)
             scenario = scenario.branched(branch_of(self.now.time, parsed)).then
         copy = TemporaryDirectory(prefix="platoontraffic-", dir=self._folder.name, ignore_cleanup_errors=True)

@@ -21,6 +21,7 @@ from platoontraffic.prove.plans import Road
 from platoontraffic.road.demand import read_demand
 from platoontraffic.road.network import Network, read_configuration
 from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.vehicles.catalogue import VEHICLES
 
 if TYPE_CHECKING:
     from platoontraffic.prove.alone import Drive
@@ -189,6 +190,8 @@ def _number(value: float, form: str) -> str:
 
 def check_vehicle(name: str) -> None:
     """raises: InputError if it is not steered by its front wheels"""
+    if name in VEHICLES and name not in CARS:
+        raise InputError(f"--vehicle: {name!r}: is not steered by its wheels; must be car, van or truck")
     if name not in CARS:
         raise InputError(f"--vehicle: no such vehicle {name!r}{did_you_mean(name, CARS)}")
 

@@ -46,6 +46,7 @@ IGNORED = re.compile(
 TAKEN = frozenset({"seed", "step-length"})  # read by this tool, which gives SUMO its own
 ON = ("true", "1", "yes", "on", "x", "t")  # SUMO's words for a switch that is on
 WANTED = "must be a SUMO configuration (.sumocfg), or one of netedit (.netecfg)"
+FOR_NETWORKS = "; `prove` and `nets check` take a network, the key sumo.net of a scenario names one"
 
 
 class Configuration(NamedTuple):
@@ -84,7 +85,7 @@ class _Written:
             nonlocal section
             written.root = written.root or tag
             if written.root not in ("configuration", "sumoConfiguration", "neteditConfiguration"):
-                raise fault_at(path, parser, f"{wrong_root(tag)}; {WANTED}")
+                raise fault_at(path, parser, f"{wrong_root(tag)}; {WANTED}{FOR_NETWORKS if tag == 'net' else ''}")
             value = attributes.get("value", attributes.get("v"))
             if value is None:
                 section = tag

@@ -360,3 +360,5 @@ def test_a_process_at_its_end_says_what_begins_anew() -> None:
         simulation.run()
         with pytest.raises(RuntimeError, match=r"has ended \(duration\); load\(\) begins anew"):  # it has no reset()
             simulation.step()
+        with pytest.raises(RuntimeError, match="has ended"):
+            simulation.branch(f"{HEADWAY}=2")

@@ -38,7 +38,8 @@ def test_it_ends_with_1_where_a_bar_does_not_hold(monkeypatch):
     [
         (("coridor",), "coridor: no such file, nor a shipped network; did you mean 'corridor'?"),
         (("lab_loop",), "no lane for cars is 4.7 m long"),
-        (("corridor", "--vehicle", "paper-robot"), "--vehicle: no such vehicle 'paper-robot'; known: car, truck, van"),
+        (("corridor", "--vehicle", "vam"), "--vehicle: no such vehicle 'vam'; did you mean 'van'?"),
+        (("corridor", "--vehicle", "paper-robot"), "--vehicle: 'paper-robot': is not steered by its wheels; must be"),
         (("corridor", "--vehicle", "cra"), "did you mean 'car'?"),
         (("corridor", "--traffic", "--duration", 10.05), "--duration: 10.05: must be a multiple of 0.1 s"),
         (("corridor", "--traffic", "--results", __file__), "File exists; must be a folder"),

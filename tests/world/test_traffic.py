@@ -161,6 +161,7 @@ def test_faults_in_the_table_sumo_are_named(tmp_path, sumo, said):
     ("text", "said"),
     [
         ("<net/>", ":1: root element is <net>, a network; must be a SUMO configuration"),
+        ("<net/>", "; `prove` and `nets check` take a network, the key sumo.net of a scenario names one"),
         ("<configuration>", "not whole XML"),
         ("<configuration/>", ":1: names no network; must name one, as <net-file>"),
         ("<configuration><net-file value='x.net.xml'/></configuration>", ":1: <net-file>: 'x.net.xml': no such file"),
