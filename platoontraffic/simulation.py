@@ -16,7 +16,7 @@ import numpy as np
 
 from platoontraffic import scenario as scenarios
 from platoontraffic.controllers.law import Law
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, RunError, did_you_mean
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.observation.instant import Instant
@@ -26,12 +26,12 @@ from platoontraffic.observation.violations import Violations
 from platoontraffic.results import plug_in_metrics, statistics
 from platoontraffic.results.own_copies import named_for_forks
 from platoontraffic.results.provenance import Stopwatch, Untimed
-from platoontraffic.results.sumo_refusal import refusal
+from platoontraffic.results.sumo_refusal import failure, refusal
 from platoontraffic.results.sumo_tables import plainly_named, sumo_options
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Breakdown, Channel, Scenario
 from platoontraffic.sumo.client import Client
-from platoontraffic.sumo.process import RefusedError
+from platoontraffic.sumo.process import FailedError, RefusedError
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import every
@@ -422,6 +422,17 @@ def _no_messages(setting: Setting) -> Messages:
     return Messages(setting.channel, setting.members, setting.dt, setting.seed, setting.scene.solids)
 
 
+@contextmanager
+def _naming_files(scenario: Scenario) -> Iterator[None]:
+    """SUMO's errors name the file that they are about."""
+    try:
+        yield
+    except RefusedError as error:
+        raise InputError(refusal(error.words, scenario)) from error
+    except FailedError as error:
+        raise RunError(failure(error.when, error.words, scenario)) from error.__cause__
+
+
 def setting_of(
     prepared: Prepared,
     folder: Path | None = None,
@@ -455,11 +466,8 @@ def setting_of(
             words, warm_up = files / "run.log", spec.sumo.warm_up_s
             more = client, warm, recruits, spec.record.passages
             world = World(prepared.network, dt, scenario.seed, words, options, warm_up, *more)
-            try:
-                stack.enter_context(world)
-            except RefusedError as error:
-                raise InputError(refusal(error.words, scenario)) from error
-            yield world
+            stack.enter_context(_naming_files(scenario))
+            yield stack.enter_context(world)
 
     def observer() -> Observer:
         return Observer(members, prepared.network, Contacts(prepared.scene, {m.id for m in members}))

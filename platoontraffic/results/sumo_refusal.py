@@ -23,15 +23,29 @@ def refusal(words: str, scenario: Scenario) -> str:
     config, option = scenario.configuration, re.search(r"option '-*([\w.-]+)'", words)
     if config and option and option[1] in config.options:
         return f"{config.path}: SUMO refuses it: {words}"
+    if file := _meant(words, scenario):
+        return f"{file}: SUMO refuses it: {words}"
+    return f"SUMO refuses the scenario ({loaded(scenario)}): {words}"
+
+
+def failure(when: str, words: str, scenario: Scenario) -> str:
+    """`SUMO failed at …`, with the file that the words fit: SUMO finds some faults of vehicles at their departure only.
+
+    when: `40 s`, or `its end`
+    """
+    file = _meant(words, scenario)
+    return f"{file}: SUMO failed at {when}: {words}" if file else f"SUMO failed at {when}: {words}"
+
+
+def _meant(words: str, scenario: Scenario) -> Path | None:
+    """The only file that SUMO's words name, or that has all ids in them."""
     files = [file for some in _files(scenario).values() for file in some]
     meant = [file for file in files if file.name.removesuffix(".gz") in words]
     if not meant and (ids := re.findall(r"'([^'\s]+)'", words)):
         meant = [file for file in files if _has_all(file, ids)]
     if len(meant) > 1:  # routes and additional files also name edges of the network
         meant = [file for file in meant if file != scenario.net]
-    if len(meant) == 1:
-        return f"{meant[0]}: SUMO refuses it: {words}"
-    return f"SUMO refuses the scenario ({loaded(scenario)}): {words}"
+    return meant[0] if len(meant) == 1 else None
 
 
 def _files(scenario: Scenario) -> dict[str, Sequence[Path]]:

@@ -529,6 +529,17 @@ class Network:
         """Whether there is such an edge, be it a road or not."""
         return bool(self._net.hasEdge(edge_id))
 
+    def leads_to(self, edge_id: str, next_id: str) -> bool:
+        """Whether a link leads from an edge to another one, whoever may use it."""
+        return self._net.getEdge(next_id) in self._net.getEdge(edge_id).getOutgoing()
+
+    def edges_after(self, edge_id: str) -> list[str]:
+        """The edges to which links lead from an edge, whoever may use them."""
+        return sorted(edge.getID() for edge in self._net.getEdge(edge_id).getOutgoing())
+
+    def number_of_lanes(self, edge_id: str) -> int:
+        return self._net.getEdge(edge_id).getLaneNumber()
+
     def check_roads(self, edges: Iterable[str]) -> None:
         """Raise InputError with a fault for each that is not an edge on which platoons can drive."""
         faults: list[str] = []

@@ -44,6 +44,18 @@ class RefusedError(InputError):
         self.words = words
 
 
+class FailedError(RunError):
+    """SUMO failed while it was running.
+
+    when  : `40 s` of its clock, or `its end`
+    words : SUMO's own
+    """
+
+    def __init__(self, when: str, words: str) -> None:
+        super().__init__(f"SUMO failed at {when}: {words}")
+        self.when, self.words = when, words
+
+
 class Process:
     """A SUMO that is started, stepped and closed.
 
@@ -86,7 +98,7 @@ class Process:
         """End SUMO, if that has not been done.
 
         error : because of which it is closed
-        raises: RunError in its place, if SUMO failed
+        raises: FailedError in its place, if SUMO failed
         """
         if self._file.closed:
             return
@@ -104,7 +116,7 @@ class Process:
             self._log_ends()
             self._file.close()
         if failed:
-            raise RunError(f"SUMO failed at {when}: {self._reason(error)}") from error
+            raise FailedError(when, self._reason(error)) from error
 
     def _reason(self, error: Exception) -> str:
         """SUMO's own first error message; its exception often says 'Process Error' only."""

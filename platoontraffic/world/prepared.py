@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, counted, did_you_mean
 from platoontraffic.lidar import Scene
-from platoontraffic.road.demand import Demand, Selection, read_demand
+from platoontraffic.road.demand import Demand, Selection, Vehicle, read_demand
 from platoontraffic.road.network import Network
 from platoontraffic.road.platooning import Plan, plan
 from platoontraffic.road.sumo_configuration import ON, in_seconds
@@ -102,18 +103,37 @@ def _check_types(scenario: Scenario, demand: Demand) -> None:
 
 
 def _check_routes(scenario: Scenario, network: Network, demand: Demand) -> None:
-    """raises: InputError where vehicles drive over edges that the network does not have, and SUMO would refuse them"""
+    """raises: InputError where SUMO would refuse vehicles: for edges that there are not, for a route that is not
+    connected, or for a lane of departure that there is not
+    """
     config = scenario.configuration
     if config and config.options.get("ignore-route-errors", "false").lower() in ON:
         return
-    faults: dict[str, str] = {}  # by edge
-    for edges, vehicle in {vehicle.edges: vehicle for vehicle in reversed(demand.vehicles)}.items():
-        for edge in edges:
-            if edge not in faults and not network.has_edge(edge):
-                name = vehicle.flow or vehicle.id
-                faults[edge] = f"{vehicle.file}: {name!r}: no edge {edge!r}{did_you_mean(edge, network.edges)}"
+    end = scenario.start + scenario.spec.run.duration_s
+    faults: dict[object, str] = {}  # by what is wrong: vehicles may share it
+    for vehicle in {(one.edges, one.lane): one for one in reversed(demand.vehicles)}.values():
+        found = [(edge, f"no edge {edge!r}") for edge in vehicle.edges if not network.has_edge(edge)]
+        hints = {edge: did_you_mean(edge, network.edges) for edge, _ in found}
+        if not found and (vehicle.depart is None or vehicle.depart < end):  # SUMO finds these at departure
+            found = list(_faults_at_departure(vehicle, network))
+        for what, words in found:
+            faults.setdefault(what, f"{vehicle.file}: {vehicle.flow or vehicle.id!r}: {words}{hints.get(what, '')}")
     if faults:
         raise InputError(*faults.values())
+
+
+def _faults_at_departure(vehicle: Vehicle, network: Network) -> Iterator[tuple[tuple[str, str], str]]:
+    """What is wrong with the route and the lane of departure of a vehicle whose edges there are, and words on it."""
+    for one, following in pairwise(() if vehicle.routed else vehicle.edges):
+        if not network.leads_to(one, following):
+            onward = network.edges_after(one)
+            known = f"; it leads to: {', '.join(onward)}" if onward else ""
+            yield (one, following), f"no connection from edge {one!r} to {following!r}{known}"
+    if vehicle.edges and not vehicle.taz and vehicle.lane.isdecimal():
+        lanes = network.number_of_lanes(vehicle.edges[0])
+        if int(vehicle.lane) >= lanes:
+            has = f"edge {vehicle.edges[0]!r} has {counted(lanes, 'lane')}, numbered from 0"
+            yield (vehicle.edges[0], vehicle.lane), f"departLane = {vehicle.lane!r}: {has}"
 
 
 def _demand(scenario: Scenario) -> Demand:

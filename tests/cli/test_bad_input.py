@@ -311,6 +311,30 @@ def test_edges_of_routes_must_be_in_the_network(tmp_path: Path):
     assert second.startswith(f"{file}: 'v': no edge 'nowhere'")
 
 
+@pytest.mark.parametrize(
+    ("edges", "lane", "said"),
+    [
+        ("A0_A1 A2_A3", "0", "no connection from edge 'A0_A1' to 'A2_A3'; it leads to: A1_"),
+        ("A0_A1 A1_A2", "7", "departLane = '7': edge 'A0_A1' has "),
+    ],
+)
+def test_vehicles_that_sumo_refuses_at_their_departure(tmp_path: Path, edges: str, lane: str, said: str):
+    file = tmp_path / "mine.rou.xml"
+    vehicle = f'<vehicle id="v" depart="3" departLane="{lane}"><route edges="{edges}"/></vehicle>'
+    file.write_text(f"<routes>{vehicle}</routes>")
+    traffic = 'sumo = { net = "grid", traffic = false, routes = ["mine.rou.xml"] }\nrun.duration_s = 5\n'
+    (tmp_path / "mine.toml").write_text(traffic + "[[equip]]\nshare = 0.5\n")
+    done = call("check", tmp_path / "mine.toml")
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert done.stderr.startswith(f"{file}: 'v': {said}")
+    assert call("check", tmp_path / "mine.toml", "run.duration_s=2").exit_code == 0
+    (tmp_path / "mine.toml").write_text(
+        traffic + '[[platoon]]\nvehicle = "car"\nstart = { edge = "A0_A1", position_m = 20 }\nto = "A1_A2"\n'
+    )
+    done = call("run", tmp_path / "mine.toml", "--out", tmp_path / "out")  # the demand is not read for platoons alone
+    assert (done.exit_code, done.stderr.splitlines()[-2].startswith(f"{file}: SUMO failed at 3 s: ")) == (1, True)
+
+
 @pytest.mark.parametrize("seeds", ["[1.5]", '["a"]', "true", "[true]"])
 def test_seeds_of_another_kind(tmp_path: Path, seeds: str):
     """One line, without words of pydantic."""
