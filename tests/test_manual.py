@@ -91,7 +91,7 @@ def test_a_platoon_on_your_own_network_arrives_without_contact(tmp_path, monkeyp
     (lines,) = [block.code for block in blocks(ALONE[0]) if block.text == "platoon.toml"]
     assert lines in (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(lines.splitlines()) == 1 + 3
-    (file,) = Path("results/run").glob("*/events.csv")
+    (file,) = Path("results/city").glob("*/events.csv")
     events = pd.read_csv(file)
     assert not events.kind.isin(["collision", "red_light", "failed_to_yield", "off_road", "stranded"]).any()
     assert sorted(events.vehicle_id[events.kind == "arrived"]) == [f"platoon.{i}" for i in range(5)]

@@ -28,6 +28,7 @@ from platoontraffic.scenario.scenario import Scenario, placed
 from platoontraffic.scenario.tables import Spec
 
 ROADS = ("sumo.net", "sumo.config")
+OF_NOTHING = ("run", "sumo", "osm", "config", "simulation")  # names of configurations that say nothing of the road
 ANY_DURATION = 86400.0  # with which further faults are looked for where a duration is missing [s]
 
 
@@ -191,7 +192,10 @@ def _configuration_in(table: Mapping[str, Any], folder: Path) -> Configuration |
 
 
 def _name(file: Path) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]", "_", file.stem)
+    folder = Path(os.path.abspath(file)).parent.name
+    # Many configurations have the same name, and their results would be in one folder.
+    named = folder if folder and file.suffix == ".sumocfg" and file.stem.lower() in OF_NOTHING else file.stem
+    return re.sub(r"[^A-Za-z0-9_-]", "_", named)
 
 
 def _change(

@@ -344,7 +344,8 @@ class Spec(Table):
     model_config = filled_in("scene")
 
     name: Identifier = "scenario"
-    """Name of the scenario, and of the folder of its results. If not given: the file's name."""
+    """Name of the scenario, and of the folder of its results. If not given: the file's name, or for `run.sumocfg`,
+    `sumo.sumocfg`, `osm.sumocfg`, `config.sumocfg` and `simulation.sumocfg` the name of their folder."""
     title: str = ""
     """One line that says what happens."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1

@@ -69,6 +69,16 @@ def test_defaults_are_those_of_cars_in_traffic(tmp_path):
     assert (platoon.vehicle.type, platoon.leader.law, platoon.follower.law) == ("car", "path", "tracking")
 
 
+@pytest.mark.parametrize(
+    ("file", "name"), [("run.sumocfg", "my_town"), ("osm.sumocfg", "my_town"), ("city.sumocfg", "city")]
+)
+def test_a_name_that_says_nothing_is_replaced_by_that_of_the_folder(tmp_path, monkeypatch, file, name):
+    config = configure(tmp_path / "my town", name=file)
+    assert scenario.load(config, SHORT).spec.name == name
+    monkeypatch.chdir(config.parent)
+    assert scenario.load(file, SHORT).spec.name == name
+
+
 OF_A_SCENARIO = '[sumo]\nconfig = "theirs/city.sumocfg"\n'
 
 
@@ -439,7 +449,9 @@ def test_platoons_drive_on_odd_networks(tmp_path, net, lane):
 )
 def test_a_start_or_a_route_that_is_not_for_cars_is_a_fault(tmp_path, changes, said):
     (tmp_path / "a.sumocfg").write_text(f"<configuration><net-file value='{NETS}/odd.net.xml'/></configuration>")
-    given = ["run.duration_s=2", "platoon.start.position_m=40", *(f"platoon.{change}" for change in changes)]
+    given = ["run.duration_s=2", *(f"platoon.{change}" for change in changes)]
+    if not any(change.startswith("start.position_m=") for change in changes):
+        given.append("platoon.start.position_m=40")
     if not any(change.startswith(("to=", "route=")) for change in changes):
         given.append("platoon.to=me")
     with pytest.raises(InputError) as caught:
