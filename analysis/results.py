@@ -278,7 +278,10 @@ def load_run(folder: Path) -> Results:
         raise ResultsError(f"{folder}: {'a file, not the folder of a run' if folder.exists() else 'no such folder'}")
     if not (folder / "DONE").is_file():
         if not (folder / "trajectories.csv").is_file():
-            raise ResultsError(f"{folder}: not the folder of a run: a finished run has a file DONE")
+            batch = "the folder of a batch, " if (folder / "study.toml").is_file() else ""
+            inner = min((one.parent for depth in ("*", "*/*") for one in folder.glob(f"{depth}/DONE")), default=None)
+            known = f"; a run in it is {inner}" if inner else ": a finished run has a file DONE"
+            raise ResultsError(f"{folder}: {batch}not the folder of a run{known}")
         complete = f"`platoontraffic run {shlex.quote(str(folder / 'config.toml'))}` repeats it"
         raise ResultsError(f"{folder}: an unfinished run; {complete}, and `plot` draws what there is")
     for file in (

@@ -171,6 +171,8 @@ def _find(name_or_file: str | Path) -> Path:
         return file
     if not no_file(file / "config.toml"):
         raise InputError(f"{file}: is the folder of a run; its scenario is {file / 'config.toml'}")
+    if not no_file(file / "study.toml"):
+        raise InputError(f"{file}: is the folder of a batch; its study is {file / 'study.toml'}")
     if os.path.isdir(file):
         raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
     if str(name_or_file) in shipped.studies():

@@ -14,8 +14,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from platoontraffic import scenario
 from platoontraffic.analysis import Batch, ResultsError, load
-from platoontraffic.analysis.results import Scans
+from platoontraffic.analysis.results import Scans, load_run
+from platoontraffic.errors import InputError
 from platoontraffic.study import batch, study
 from tests.support.runs import forget_sizes
 
@@ -214,3 +216,11 @@ def test_an_unfinished_run_opens_as_far_as_it_was_written(small, tmp_path):
     (cut / "trajectories.csv").write_text(text.partition("\n")[0] + "\n")
     with pytest.raises(ResultsError, match="nothing was recorded"):
         load(cut)
+
+
+def test_a_batch_where_a_run_is_needed_names_a_run(small):
+    first = min(file.parent for file in small.glob("*/DONE"))
+    with pytest.raises(ResultsError, match=f"the folder of a batch, not the folder of a run; a run in it is {first}$"):
+        load_run(small)
+    with pytest.raises(InputError, match=r"is the folder of a batch; its study is .*study\.toml"):
+        scenario.load(small)

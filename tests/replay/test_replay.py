@@ -769,7 +769,10 @@ def test_what_is_no_finished_run_is_said_in_a_line(command, tmp_path):
     (unfinished / "DONE").unlink()
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
+    runs = made_run(tmp_path / "results" / "mine" / "run", seconds=1.0).parent
     for folder, words in (
+        (runs, f"{runs}: not the folder of a run; a run in it is {runs / 'run'}"),
+        (runs.parent, f"a run in it is {runs / 'run'}"),
         (unfinished, "an unfinished run"),
         (tmp_path / "empty", "not the folder of a run"),
         (tmp_path / "file", "a file, not the folder of a run"),
