@@ -234,7 +234,7 @@ def print_runs(
     if shares:
         shared = sum(map(len, shares.values()))
         print(
-            f"{shared} of them share warm-ups, of which {len(shares)} are simulated: "
+            f"{shared} of them share warm-ups, of which {len(shares)} {'is' if len(shares) == 1 else 'are'} simulated: "
             f"{sum(run.warm_up_s for runs in shares.values() for run in runs[1:]):g} s of traffic are saved"
         )
 

@@ -86,6 +86,8 @@ def load(
         raise InputError(f"{source}: is a study; `platoontraffic batch {source}` runs it")
     table.setdefault("name", _name(source))
     if config:
+        for change in (change for change in changes if change.key in ROADS):
+            raise change.fault(f"must not be given; the configuration {config.path} says the road")
         configurations.complete(table, config, changes, str(platoons or ""))
         source = Path(platoons or source)
     set_by, stale = _change(table, changes, seed)

@@ -237,8 +237,17 @@ def test_without_a_platoon_the_fault_shows_a_complete_command_that_works(tmp_pat
     file = configure(tmp_path / "theirs")
     said = call("run", file)
     assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
+    assert "; equip.share=0.2 makes members of a fifth of its demand; " in said.stderr
     example = shlex.split(said.stderr.partition("for example: platoontraffic ")[2])
     assert call(*example, "--dry-run", "--out", tmp_path).exit_code == 0
+
+
+@pytest.mark.parametrize("change", ["sumo.net=grid", "sumo.config=theirs/city.sumocfg"])
+def test_an_argument_does_not_replace_the_road_of_a_configuration(tmp_path, change):
+    """It ran the demand of the shipped grid under the name of the configuration."""
+    file = configure(tmp_path / "theirs")
+    with pytest.raises(InputError, match=f"argument 1: '{change}': must not be given; the configuration {file} says"):
+        scenario.load(file, [change, *SHORT])
 
 
 def test_an_edge_can_have_a_number_for_a_name(tmp_path):
