@@ -72,8 +72,9 @@ def _remarks(scenario: Scenario, swept: Swept, off: float | None) -> Iterator[st
         yield f"there is no theory: {swept.no_theory}"
     else:
         exact = all(experiment.is_linear(platoon.model(place)) for place in range(1, platoon.size))
+        where = f", {report.deviation_place(swept)}" if off else ""
         function = "" if exact else "; of a car with unequal lags it is the describing function"
-        yield f"greatest deviation of |G| from the theory, where that is above 0.1: {off:.2%}{function}"
+        yield f"greatest deviation of |G| from the theory, where that is above 0.1: {off:.2%}{where}{function}"
     if len(swept.left_out):
         left_out = ", ".join(f"{frequency:g}" for frequency in swept.left_out)
         yield f"left out: {left_out} Hz, at or above half the rate of decisions, {swept.decisions:g} Hz"

@@ -68,6 +68,18 @@ def deviation(swept: Swept) -> float | None:
     return float(np.abs(np.abs(swept.gain[counts]) / np.abs(swept.theory[counts]) - 1).max(initial=0.0))
 
 
+def deviation_place(swept: Swept) -> str:
+    """Where the deviation is greatest, and how much of the leader's swing is left there.
+
+    Where that is little, gains are mostly of something else: errors of sensors, harmonics of slower swings.
+    """
+    counts = np.abs(swept.theory) > 0.1
+    off = np.where(counts, np.abs(np.abs(swept.gain) / np.abs(swept.theory) - 1), -1.0)
+    i, k = np.unravel_index(off.argmax(), off.shape)
+    left = np.abs(swept.gain[i, :k]).prod()
+    return f"at {swept.frequency[i]:.2f} Hz in place {k + 1}, whose predecessor has {left:.2%} of the leader's swing"
+
+
 def touched(swept: Swept, found: Sequence[Norms]) -> dict[str, list[int]]:
     """Places whose vehicle drove into or past its predecessor, by manoeuvre; those without any are left out."""
     gaps = {"multi-sine": swept.least_gap} | {one.profile: one.least_gap for one in found}

@@ -405,3 +405,11 @@ def test_a_law_that_cannot_be_measured_is_a_fault():
         experiment.norms(scenario.load("string", ["platoon.follower.law=sumo"]), "step")
     with pytest.raises(InputError, match="must be 2 or more"):
         experiment.norms(scenario.load("string", ["platoon.size=1"]), "step")
+
+
+def test_the_place_of_the_greatest_deviation_says_how_much_of_the_swing_is_left():
+    gain, linear = np.array([[0.9, 0.5, 2.0], [0.1, 0.2, 9.0]]), np.array([[0.9, 0.5, 0.5], [0.1, 0.2, 0.01]])
+    frequency, none = np.array([0.02, 0.4]), np.empty(0)
+    found = experiment.Swept(frequency, gain + 0j, np.zeros((2, 3)), linear + 0j, "", np.ones(3), none, 10.0)
+    assert report.deviation(found) == 3.0
+    assert report.deviation_place(found) == "at 0.02 Hz in place 3, whose predecessor has 45.00% of the leader's swing"
