@@ -25,6 +25,7 @@ from platoontraffic.scenario.obstacle_tables import Car, CutIn, Pedestrian, name
 from platoontraffic.scenario.tables import Breakdown, Channel, Manoeuvre, Platoon, Spec, Sumo
 from platoontraffic.scenario.vehicle_tables import Lidar
 
+OF_CHANNEL = "needs messages; the scenario must have a [channel]: channel.latency_s=0.1 makes one"
 SOME = 8  # names are enough to say what is allowed
 
 
@@ -201,7 +202,10 @@ def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Cha
         what = f"'CONSENSUS': a size of {platoon.size}; SUMO has it for up to {MOST_IN_CONSENSUS}"
         yield Fault((*at, "controller"), what)
     if "messages" in law.needs and channel is None:
-        yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
+        yield Fault(
+            (*at, "law"),
+            f"{driver.law!r} needs messages; the scenario must have a [channel]: channel.latency_s=0.1 makes one",
+        )
 
 
 def _alone(at: KeyPath, driver: Driver, law: Law, equip: Equip, channel: Channel | None) -> Iterator[Fault]:
@@ -209,7 +213,10 @@ def _alone(at: KeyPath, driver: Driver, law: Law, equip: Equip, channel: Channel
     if "messages" in law.needs and equip.mode == "single":
         yield Fault((*at, "law"), f"{driver.law!r} needs messages; in mode 'single' no other member sends to it")
     elif "messages" in law.needs and channel is None:
-        yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
+        yield Fault(
+            (*at, "law"),
+            f"{driver.law!r} needs messages; the scenario must have a [channel]: channel.latency_s=0.1 makes one",
+        )
     elif law.vehicle_type:
         what = "vehicles of the traffic keep the car-following model of their type; must be left out"
         yield Fault((*at, "model"), f"{law.model!r}: {what}")

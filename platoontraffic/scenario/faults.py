@@ -63,6 +63,8 @@ def what_of(error: dict, model: type[BaseModel], beside: Collection[str] = ()) -
         return f"unknown key{did_you_mean(str(path[-1]), known)}"
     if kind == "missing" and path[-1] in ("leader", "follower") and "vehicle" not in value:
         return f'missing: a {VEHICLE} has no default {path[-1]}; for a road: vehicle = "car"'
+    if kind == "missing" and path == ("sumo",):
+        return "missing: must name the road; platoons alone go with a SUMO configuration: run CFG --platoon FILE"
     if kind == "missing":
         return "missing"
     if kind == "list_type" and isinstance(value, dict):

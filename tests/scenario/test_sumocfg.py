@@ -212,6 +212,8 @@ def test_platoons_can_come_from_a_file_and_faults_have_its_lines(tmp_path):
     file.write_text(PLATOONS + '[sumo]\nnet = "grid"\n')
     assert "--platoon: sumo.net: must not be given" in call("run", config, "--platoon", file).stderr
     assert "--platoon: goes with a SUMO conf" in call("run", "ring_platoon", "--platoon", file).stderr
+    file.write_text(PLATOONS)
+    assert "sumo: missing: must name the road; platoons alone go with a SUMO conf" in call("run", file).stderr
     assert "nowhere.toml: cannot be read: No such file" in call("run", config, "--platoon", "nowhere.toml").stderr
 
 
