@@ -108,10 +108,10 @@ def print_remarks(prepared: Prepared) -> None:
 def print_run(folder: Path) -> None:
     """Whether the platoons held, a table of the members, and a line on the whole run."""
     from platoontraffic.analysis.outcome import headline
-    from platoontraffic.analysis.results import load
+    from platoontraffic.analysis.results import load_run
 
     with result_faults("; --force repeats the run"):
-        results = load(folder)
+        results = load_run(folder)
         said = headline(results.events, results.metrics)
         table = _members(results)
     out.print(said if table.row_count else "There were no members.", soft_wrap=True, markup=False)

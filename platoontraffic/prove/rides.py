@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.analysis.results import load
+from platoontraffic.analysis.results import load_run
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.prove.trips import Trip
 from platoontraffic.results.metrics import CAUSED_BY_OTHER, CAUSED_BY_ROAD
@@ -107,7 +107,7 @@ def ride(folder: Path, trips: Mapping[str, Trip], network: Network) -> Ride:
 
     trips: of each vehicle, by id
     """
-    found = load(folder)
+    found = load_run(folder)
     events, metrics = found.events, found.metrics
     run = metrics[metrics.scope == "run"].set_index("metric").value
     end = float(events.time_s.max())
