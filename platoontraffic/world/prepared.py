@@ -111,27 +111,39 @@ def _check_routes(scenario: Scenario, network: Network, demand: Demand) -> None:
         return
     end = scenario.start + scenario.spec.run.duration_s
     faults: dict[object, str] = {}  # by what is wrong: vehicles may share it
+    connected: set[tuple[str, str]] = set()  # routes share most of their connections
     for vehicle in {(one.edges, one.lane): one for one in reversed(demand.vehicles)}.values():
-        found = [(edge, f"no edge {edge!r}") for edge in vehicle.edges if not network.has_edge(edge)]
-        hints = {edge: did_you_mean(edge, network.edges) for edge, _ in found}
-        if not found and (vehicle.depart is None or vehicle.depart < end):  # SUMO finds these at departure
-            found = list(_faults_at_departure(vehicle, network))
-        for what, words in found:
-            faults.setdefault(what, f"{vehicle.file}: {vehicle.flow or vehicle.id!r}: {words}{hints.get(what, '')}")
+        name = f"{vehicle.file}: {vehicle.flow or vehicle.id!r}"
+        missing = [edge for edge in vehicle.edges if not network.has_edge(edge)]
+        for edge in missing:
+            if edge not in faults:
+                faults[edge] = f"{name}: no edge {edge!r}{did_you_mean(edge, network.edges)}"
+        if not missing and (vehicle.depart is None or vehicle.depart < end):  # SUMO finds these at departure
+            for what, words in _faults_at_departure(vehicle, network, connected):
+                faults.setdefault(what, f"{name}: {words}")
     if faults:
         raise InputError(*faults.values())
 
 
-def _faults_at_departure(vehicle: Vehicle, network: Network) -> Iterator[tuple[tuple[str, str], str]]:
-    """What is wrong with the route and the lane of departure of a vehicle whose edges there are, and words on it."""
-    for one, following in pairwise(() if vehicle.routed else vehicle.edges):
-        if not network.leads_to(one, following):
-            onward = network.edges_after(one)
-            known = f"; it leads to: {', '.join(onward)}" if onward else ""
-            yield (one, following), f"no connection from edge {one!r} to {following!r}{known}"
+def _faults_at_departure(
+    vehicle: Vehicle, network: Network, connected: set[tuple[str, str]]
+) -> Iterator[tuple[tuple[str, str], str]]:
+    """What is wrong with the route and the lane of departure of a vehicle whose edges there are, and words on it.
+
+    connected: pairs of edges that are known to be connected; new ones are added
+    """
+    for pair in pairwise(() if vehicle.routed else vehicle.edges):
+        if pair in connected:
+            continue
+        one, following = pair
+        if network.leads_to(one, following):
+            connected.add(pair)
+            continue
+        known = f"; it leads to: {', '.join(onward)}" if (onward := network.edges_after(one)) else ""
+        yield pair, f"no connection from edge {one!r} to {following!r}{known}"
     if vehicle.edges and not vehicle.taz and vehicle.lane.isdecimal():
         lanes = network.number_of_lanes(vehicle.edges[0])
-        if int(vehicle.lane) >= lanes:
+        if len(vehicle.lane) > 9 or int(vehicle.lane) >= lanes:
             has = f"edge {vehicle.edges[0]!r} has {counted(lanes, 'lane')}, numbered from 0"
             yield (vehicle.edges[0], vehicle.lane), f"departLane = {vehicle.lane!r}: {has}"
 
