@@ -214,7 +214,7 @@ def _time_space(axes: Axes, results: Results) -> None:
 
 
 def _amplification(axes: Axes, results: Results) -> None:
-    if results.metrics.empty:
+    if results.metrics.empty and not results.finished:
         raise ResultsError(f"{results.folder}: an unfinished run, which has no metrics")
     figures.gains(results.metrics, axes, figures.main_platoon(results.trajectories))
 

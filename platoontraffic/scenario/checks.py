@@ -202,10 +202,7 @@ def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Cha
         what = f"'CONSENSUS': a size of {platoon.size}; SUMO has it for up to {MOST_IN_CONSENSUS}"
         yield Fault((*at, "controller"), what)
     if "messages" in law.needs and channel is None:
-        yield Fault(
-            (*at, "law"),
-            f"{driver.law!r} needs messages; the scenario must have a [channel]: channel.latency_s=0.1 makes one",
-        )
+        yield Fault((*at, "law"), f"{driver.law!r} {OF_CHANNEL}")
 
 
 def _alone(at: KeyPath, driver: Driver, law: Law, equip: Equip, channel: Channel | None) -> Iterator[Fault]:
@@ -213,10 +210,7 @@ def _alone(at: KeyPath, driver: Driver, law: Law, equip: Equip, channel: Channel
     if "messages" in law.needs and equip.mode == "single":
         yield Fault((*at, "law"), f"{driver.law!r} needs messages; in mode 'single' no other member sends to it")
     elif "messages" in law.needs and channel is None:
-        yield Fault(
-            (*at, "law"),
-            f"{driver.law!r} needs messages; the scenario must have a [channel]: channel.latency_s=0.1 makes one",
-        )
+        yield Fault((*at, "law"), f"{driver.law!r} {OF_CHANNEL}")
     elif law.vehicle_type:
         what = "vehicles of the traffic keep the car-following model of their type; must be left out"
         yield Fault((*at, "model"), f"{law.model!r}: {what}")

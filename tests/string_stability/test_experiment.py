@@ -335,7 +335,8 @@ def measured_before(monkeypatch):
 
 
 def command(tmp_path, *arguments: str) -> str:
-    result = CliRunner().invoke(app, ["string", "acc", "platoon.size=3", "--out", str(tmp_path), *arguments])
+    size = () if any(argument.startswith("platoon.size=") for argument in arguments) else ("platoon.size=3",)
+    result = CliRunner().invoke(app, ["string", "acc", *size, "--out", str(tmp_path), *arguments])
     assert result.exit_code == 0, result.output
     return result.stdout
 
