@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import dropwhile, islice, zip_longest
+from itertools import dropwhile, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -188,12 +188,19 @@ def _junction_ahead(lane: str, trip: Trip, with_light: bool) -> Line | None:
 
 
 def _changes_onto(lane: str, trip: Trip) -> str:
-    """Lane to which a trip changes on the edge of a lane, or on the next one: "" if it does not.
+    """Lane to which a vehicle on a lane changes, or will, by its trip: "" if that is not known.
 
-    The middle of a body may be on the lane before that of its front.
+    The trip changes on the edge of that lane, or on the next one: the middle of a body may be on the lane before that
+    of its front. Beside the lanes of the trip, as after a change that had no room, it changes to these.
     """
-    ahead = dropwhile(lambda one: lane not in (one.lane, *one.via), trip.lines)
-    return next((one.onto for one in islice(ahead, 2) if one.state == CHANGING), "")
+    ahead = list(dropwhile(lambda one: lane not in (one.lane, *one.via), trip.lines))
+    if ahead:
+        return next((one.onto for one in ahead[:2] if one.state == CHANGING), "")
+    edge, junctions = edge_of(lane), (line for line in trip.lines if line.state != CHANGING)
+    beside = next((one for one in junctions if edge in map(edge_of, (one.lane, *one.via))), None)
+    if beside is None:
+        return ""
+    return beside.lane if edge == edge_of(beside.lane) else beside.onto
 
 
 def _reason(row: Any) -> str:

@@ -392,7 +392,18 @@ def test_a_queue_inside_a_junction_reaches_back_from_the_edge_beyond(lane, queue
     assert verdict(ride(stands=(stand, other)), ride(long_on=("b_0",))).holds == (queue == "b" or lane == "b_0")
 
 
-@pytest.mark.parametrize(("lane", "onto"), [("z_0", "a_1"), (":k_0_0", "a_1"), ("a_0", "a_1"), ("a_1", "")])
+@pytest.mark.parametrize(
+    ("lane", "onto"),
+    [
+        ("z_0", "a_1"),
+        (":k_0_0", "a_1"),
+        ("a_0", "a_1"),
+        ("a_1", ""),
+        ("a_2", "a_1"),  # beside the lanes of the trip
+        (":k_0_1", "a_0"),  # as in `fokr_bs_demo`, beside the red light of the lane of the trip
+        ("x_0", ""),
+    ],
+)
 def test_who_waits_for_a_lane_change_may_be_with_its_body_on_the_lane_before(lane, onto):
     """The place of a standstill is that of the middle of the body; its front stands at the begin of the change."""
     enter, cross = (
