@@ -225,7 +225,7 @@ def test_in_a_sharp_bend_that_is_cut_the_body_reaches_as_far_to_either_side(radi
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_where_lanes_leap_aside_the_front_of_a_van_stays_out_of_the_lane_beside(side):
+def test_where_lanes_leap_aside_the_front_of_a_van_stays_clear_of_oncoming_cars(side):
     """A junction of SUMO's `fokr_bs_demo`: oncoming cars are 2.2 m from the middle of the lane beyond it."""
     van = CARS["van"]
     points = np.array([(0, 0), (60, 0), (62.8, 4.6), (120, 4.6)]) * (1, side)
