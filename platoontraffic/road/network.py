@@ -98,8 +98,13 @@ class Network:
 
     @cached_property
     def drivable(self) -> shapely.Geometry:
-        """The area of all lanes and junctions: one polygon, or several where the network has separate parts."""
+        """The area of all lanes and junctions: one polygon, or several where the network has separate parts.
+
+        raises: InputError if there is no lane, as in a network of railways
+        """
         lanes = [lane for edge in self._roads for lane in edge.getLanes() if is_road(lane)]
+        if not lanes:
+            raise InputError(f"{self.path}: the network has no lane for road vehicles; must have one")
         shapes, widths = [lane.getShape() for lane in lanes], [lane.getWidth() for lane in lanes]
         cache = None
         if len(lanes) >= CACHED_LANES:

@@ -248,6 +248,12 @@ def one_way(folder, lane=LANE):
     return Network.read(file)
 
 
+def test_a_network_of_railways_has_no_road(tmp_path):
+    rails = one_way(tmp_path, LANE.replace("<lane ", '<lane allow="rail" '))
+    with pytest.raises(InputError, match=r"net\.xml: the network has no lane for road vehicles"):
+        rails.drivable  # noqa: B018
+
+
 def test_a_one_way_road_has_no_side(tmp_path):
     network = one_way(tmp_path)
     assert network.drivable.area == pytest.approx(1)
