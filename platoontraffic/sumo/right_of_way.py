@@ -254,7 +254,11 @@ class RightOfWay:
         """The vehicles that `stop_before_foes` is about."""
         # At equal ones either of two may have to.
         priority_too = passed != "" and passed not in PRIORITY + EQUAL and line.state not in EQUAL
-        yield from (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, over, priority_too))
+        for one in self._all_inside[line]:
+            # A car of SUMO's whose turn it was at an all-way stop may set out after a member that goes in its place.
+            sets_out_late = passed in ALL_STOP and passed != "" and one.id not in self.members
+            if not self._needs_no_stop(one, line, over, priority_too or sets_out_late):
+                yield one
         yield from self._first_where_it_is_narrow(line, over)
         if passed and passed not in PRIORITY + ALL_STOP + ZIPPER + RED + YELLOW:
             yield from (one for one in self._coming(line, ego, passed) if not one.crossing.swings)

@@ -32,7 +32,7 @@ from platoontraffic.sumo.far_lines import FarLines
 from platoontraffic.sumo.lane_choice import LaneChoice
 from platoontraffic.sumo.letting_in import Stop
 from platoontraffic.sumo.reads import Once, Reads
-from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
+from platoontraffic.sumo.right_of_way import BEFORE_PATH, LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
 from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, NO_ROOM, RIGHT_OF_WAY, LineState, StopLines, _not_made
 from platoontraffic.sumo.world import World
@@ -1240,6 +1240,26 @@ def test_those_behind_one_that_stands_between_two_places_come_to_the_first_of_th
     monkeypatch.setattr(RightOfWay, "on", lambda _, crossing: [Approach("w", crossing, at, Pace(0.0)) for at in stands])
     monkeypatch.setattr(RightOfWay, "_links_ahead", lambda *_: ((":b_0",), "M"))
     assert [foe.crossing for foe, *_ in way._foes_outside(line)] == [near, far][:come]
+
+
+@pytest.mark.parametrize(
+    ("foe", "speed", "before", "stops"),
+    [("c", 4.0, "w", True), ("m.1", 4.0, "w", False), ("c", 0.0, "w", False), ("c", 4.0, "=", False)],
+)
+def test_at_an_all_way_stop_a_member_stops_for_a_car_that_sets_out_after_it(monkeypatch, foe, speed, before, stops):
+    """On a random network one turned left in the place of a car that had stood for longer, and that drove into it."""
+    line = Line(0.0, before, "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = crossed(":b_0")._replace(own=(10.0, 14.0), touches=10.5, first=True)
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: Conflicts((), (crossing,), (), np.inf)})
+    way.members = way.obedient = frozenset(("m.0", "m.1"))
+    way._all_inside[line], way._patiently[line], way._outside[line] = (
+        [Approach(foe, crossing, -1.0, Pace(speed))],
+        [],
+        [],
+    )
+    monkeypatch.setattr(RightOfWay, "_has_gap_among", lambda *_: False)
+    found = way.stop_before_foes(line, 1.0, Ego("m.0", ":a_0", 2.0, CAR.length), before)
+    assert found == (pytest.approx(10.0 - 1.0 - BEFORE_PATH) if stops else np.inf)
 
 
 @pytest.mark.parametrize("light", ["=", "y", "r"])
