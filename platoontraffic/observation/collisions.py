@@ -115,15 +115,15 @@ class Collisions:
 
     def _crossed_the_middle(self, both: Together) -> bool:
         """Whether the second vehicle is beyond the middle of the road, and the first one nowhere."""
-        over = []
+        corners = []
         for poses, length, width in zip(both.poses, both.length, both.width, strict=True):
             outline = Course.of(*poses, float(length), float(width)).outline()
             x, y = shapely.get_coordinates(outline.moved(0, 0)).T
             right = self._network.right_of_middle(x, y, np.full(len(x), outline.heading))
-            if np.isnan(right).any():  # inside a junction, on a one-way road, or off the road
-                return False
-            over.append((-right if self._network.left_hand else right).min() < -SIDE)
-        return over == [False, True]
+            corners.append((x, y, -right if self._network.left_hand else right))
+        (x, y, own), (_, _, its) = corners
+        in_junction = np.isnan(own) & shapely.contains_xy(self._network.drivable, x, y)  # or on a one-way road
+        return not (in_junction | (own < -SIDE)).any() and bool((its < -SIDE).any())
 
     def _beside(self, both: Together) -> str:
         """The kind of a contact side by side or head on, by which of the two has swung into the other."""

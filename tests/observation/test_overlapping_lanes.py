@@ -22,18 +22,20 @@ LITTLE, MUCH = KEEPS * WIDTH - 0.05, KEEPS * WIDTH + 0.05
 
 def met(
     apart: float, off: float = 0.0, its_off: float = 0.0, heading: float = 0.0, middle: float = math.nan,
-    left_hand: bool = False, its_heading: float = math.pi,
+    left_hand: bool = False, its_heading: float = math.pi, no_middle_below: float = -math.inf, edge: float = -5.0,
 ) -> str:  # fmt: skip
     """What is said of the contact of a member that drives east and a car that drives west.
 
     apart : middles of their lanes [m]
     off   : distance of the member from the middle of its lane, towards the other one [m]; its_off: of that one
-    middle: of the road, along y [m]; NaN: it has none
+    middle: of the road, along y [m]; NaN: it has none; nor has it below `no_middle_below`
+    edge  : of the road, along y [m]
     """
     lanes = shapely.LineString([(-200, 0), (200, 0)]), shapely.LineString([(200, apart), (-200, apart)])
     headed = lambda x, y, heading: lanes[0 if math.cos(heading) > 0 else 1]  # noqa: E731
-    right = lambda x, y, heading: (y - middle) * -np.sign(np.cos(heading))  # noqa: E731
+    right = lambda x, y, heading: np.where(y < no_middle_below, np.nan, (y - middle) * -np.sign(np.cos(heading)))  # noqa: E731
     changes = {"lane_headed": headed, "right_of_middle": right, "left_hand": left_hand}
+    changes["drivable"] = shapely.box(-100, edge, 1000, 5)
     observed = Observed(platoon(constant(0.0), model=CAR), SimpleNamespace(**{**vars(ROAD), **changes}))
     for k in range(60):
         other = 20.0 - 0.4 * k, apart - its_off, its_heading
@@ -90,6 +92,12 @@ def test_over_the_middle_every_corner_counts_and_both_directions():
     askew = math.asin(2 * 0.6 / LENGTH)
     assert met(3.2, 0.6, its_off=0.75, middle=1.6, its_heading=math.pi + askew) == "other_crossed_middle"
     assert met(3.2, 0.6, its_off=0.75, heading=askew, middle=1.6) == "beside"
+
+
+@pytest.mark.parametrize(("edge", "what"), [(-0.8, "other_crossed_middle"), (-5.0, "beside")])
+def test_a_corner_beside_the_road_is_on_its_own_side_and_one_in_a_junction_on_none(edge, what):
+    """There is no middle to the right of a place; the road ends there, or is that of a junction."""
+    assert met(3.2, its_off=1.6, middle=1.6, no_middle_below=-0.5, edge=edge) == what
 
 
 def test_on_a_bend_its_place_is_along_the_bend():
