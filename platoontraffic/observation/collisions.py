@@ -43,6 +43,7 @@ DETAILS = {
     "other_swung_out": "the other swung its rear into it, in a bend that no vehicle on wheels can drive so",
 }
 SIDE = 0.1  # distance beyond the middle of the road up to which a vehicle is on its own side [m]
+POINTS = 1.0  # distance of points of an outline that are compared with the middle of the road [m]
 
 
 class Collisions:
@@ -115,13 +116,13 @@ class Collisions:
 
     def _crossed_the_middle(self, both: Together) -> bool:
         """Whether the second vehicle is beyond the middle of the road, and the first one nowhere."""
-        corners = []
+        outlines = []  # by points at most POINTS apart: of a long body in a bend, only the middle may be there
         for poses, length, width in zip(both.poses, both.length, both.width, strict=True):
             outline = Course.of(*poses, float(length), float(width)).outline()
-            x, y = shapely.get_coordinates(outline.moved(0, 0)).T
+            x, y = shapely.get_coordinates(shapely.segmentize(outline.moved(0, 0), POINTS)).T
             right = self._network.right_of_middle(x, y, np.full(len(x), outline.heading))
-            corners.append((x, y, -right if self._network.left_hand else right))
-        (x, y, own), (_, _, its) = corners
+            outlines.append((x, y, -right if self._network.left_hand else right))
+        (x, y, own), (_, _, its) = outlines
         in_junction = np.isnan(own) & shapely.contains_xy(self._network.drivable, x, y)  # or on a one-way road
         return not (in_junction | (own < -SIDE)).any() and bool((its < -SIDE).any())
 

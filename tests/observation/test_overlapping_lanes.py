@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
+from platoontraffic.observation.collisions import Collisions
 from platoontraffic.observation.overlapping_lanes import KEEPS, OnLane
 from platoontraffic.observation.swings import Outline
 from platoontraffic.vehicles.bicycle import CARS
@@ -98,6 +99,20 @@ def test_over_the_middle_every_corner_counts_and_both_directions():
 def test_a_corner_beside_the_road_is_on_its_own_side_and_one_in_a_junction_on_none(edge, what):
     """There is no middle to the right of a place; the road ends there, or is that of a junction."""
     assert met(3.2, its_off=1.6, middle=1.6, no_middle_below=-0.5, edge=edge) == what
+
+
+@pytest.mark.parametrize(("aside", "over"), [(1.6, True), (3.4, False)])
+def test_a_bus_whose_bumpers_are_on_its_lane_is_over_the_middle_inside_of_a_bend(aside, over):
+    """The road bends by 39 degrees at x = 0: its middle is 2.1 m from there to the side of the member at x = 6 m."""
+    right = lambda x, y, heading: (y + 0.35 * abs(x)) * -np.sign(np.cos(heading))  # noqa: E731
+    network = SimpleNamespace(right_of_middle=right, left_hand=False, drivable=shapely.box(-50, -50, 50, 50))
+    poses = [
+        (np.array([0.0]), np.array([y]), np.array([heading])) for y, heading in ((-2.7, 0.0), (aside - 2.1, np.pi))
+    ]
+    both = SimpleNamespace(poses=poses, length=(LENGTH, 12.0), width=(WIDTH, 2.5))
+    collisions = Collisions(None, SimpleNamespace(drivable=network.drivable))
+    collisions._network = network
+    assert collisions._crossed_the_middle(both) is over
 
 
 def test_on_a_bend_its_place_is_along_the_bend():
