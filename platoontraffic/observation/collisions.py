@@ -43,7 +43,7 @@ DETAILS = {
     "other_swung_out": "the other swung its rear into it, in a bend that no vehicle on wheels can drive so",
 }
 SIDE = 0.1  # distance beyond the middle of the road up to which a vehicle is on its own side [m]
-POINTS = 1.0  # distance of points of an outline that are compared with the middle of the road [m]
+POINTS = 1.0  # greatest distance of the points of an outline that are compared with the middle of the road [m]
 
 
 class Collisions:

@@ -160,12 +160,12 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
     """Standstills longer than LONG on lanes on which none of SUMO's cars stands for so long; those without a reason.
 
     Members behind one that stands where SUMO's cars do are a queue, and no fault, also where that one stands for a
-    little less than LONG; so are those that keep a junction clear before it, those whose queue reaches back into the
-    junction before it, those that let a vehicle in beside it, and those that wait to change to a lane on which one of
-    SUMO's own cars, or such a member, stands for as long. Where nobody has to give way, SUMO's cars drive through each
-    other: they show no time to wait. One that comes to a light as it closes waits until it opens, whether one of SUMO's
-    cars happens to come then or not. And one may stand behind a vehicle of SUMO's as long as that stands, which then
-    waits for no member: no other one stands but for the queue behind, and the members do not arrive too late.
+    little less than LONG; so are those that keep a junction clear before it, those in a queue that reaches back into a
+    junction, those that let a vehicle in beside it, and those that wait to change to a lane on which one of SUMO's own
+    cars, or such a member, stands for as long. Where nobody has to give way, SUMO's cars drive through each other: they
+    show no time to wait. One that comes to a light as it closes waits until it opens, whether one of SUMO's cars
+    happens to come then or not. And one may stand behind a vehicle of SUMO's as long as that stands, which then waits
+    for no member: no other one stands but for the queue behind, and the members do not arrive too late.
     """
     for pair in made:
         if pair.platoons is None or pair.sumo is None:

@@ -255,8 +255,8 @@ class RightOfWay:
         # At equal ones either of two may have to.
         priority_too = passed != "" and passed not in PRIORITY + EQUAL and line.state not in EQUAL
         for one in self._all_inside[line]:
-            # A car of SUMO's whose turn it was at an all-way stop may set out after a member that goes in its place.
-            sets_out_late = passed in ALL_STOP and passed != "" and one.id not in self.members
+            # At an all-way stop a car of SUMO's may set out late, after a member that went in its place.
+            sets_out_late = passed == ALL_STOP and one.id not in self.members
             if not self._needs_no_stop(one, line, over, priority_too or sets_out_late):
                 yield one
         yield from self._first_where_it_is_narrow(line, over)
