@@ -14,10 +14,13 @@ from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.frame import centre_of, heading_of
 from platoontraffic.sumo.reads import Once
-from platoontraffic.world.fleet import CLOSING, Fleet, Member
+from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import PERSON, TrafficSnapshot
 
 RECHECK_AFTER = 0.5  # period after which distant vehicles are measured again [s]
+GAINS = 10.0  # greatest acceleration of a vehicle [m/s2]
+STRETCHED = 2.0  # greatest ratio of a lane's length as it is drawn, and driven by SUMO's cars, to that by which they go
+JUMPS = 10.0  # distance by which a vehicle may jump aside within the period: SUMO's cars change lanes at once [m]
 BRIDGE = 30.0  # distance from a crossing of two levels within which vehicles on the other road are left out [m]
 AT_BRIDGE = 150.0  # distance from it within which members count [m]
 NO_VALUES = (np.empty(0),) * 6  # of no vehicles
@@ -83,8 +86,7 @@ class Background:
         front = self._fronts(names)
         heading = heading_of(np.fromiter(map(direct(vehicle.getAngle), names), float, n))
         x, y = centre_of(*front.T, heading, length)
-        speed = np.fromiter(map(direct(vehicle.getSpeed), names), float, n)
-        return TrafficSnapshot(time, tuple(names), x, y, heading, speed, length, width)
+        return TrafficSnapshot(time, tuple(names), x, y, heading, self._speeds(names), length, width)
 
     def _on_their_level(self, fleet: Fleet, vehicles: TrafficSnapshot) -> TrafficSnapshot:
         """Without vehicles near a place where their road crosses that of a member near it on another level."""
@@ -169,7 +171,10 @@ class Background:
         skipped = members | held
         names = self._others(skipped)
         length = np.array([self._sizes[name][0] for name in names])
-        far = _farther(self._fronts(names), own.x, own.y, reach + 2 * length + RECHECK_AFTER * CLOSING)
+        fronts, speed = self._fronts(names), self._speeds(names)
+        fastest = np.abs(own.speed).max(initial=0.0)
+        closes = RECHECK_AFTER * (STRETCHED * speed + fastest + GAINS * RECHECK_AFTER) + JUMPS
+        far = _farther(fronts, own.x, own.y, reach + 2 * length + closes)
         self._skipped = skipped | set(compress(names, far))
         self._skipped_for, self._skipped_until, self._near = fleet.members, time + RECHECK_AFTER, None
 
@@ -191,6 +196,10 @@ class Background:
         """Positions of front bumpers (n, 2) [m]."""
         numbers = chain.from_iterable(map(direct(self._sumo.vehicle.getPosition), names))
         return np.fromiter(numbers, float, 2 * len(names)).reshape(-1, 2)
+
+
+    def _speeds(self, names: Sequence[str]) -> np.ndarray:
+        return np.fromiter(map(direct(self._sumo.vehicle.getSpeed), names), float, len(names))
 
 
 def _changed(names: list[str], gone: Set[str], come: Sequence[str]) -> list[str]:
