@@ -260,8 +260,13 @@ def _project(lines, routes, x, y, near, window, station):
             about = about % end[i]
             if about < end[i] / 2:
                 about += end[i]
-        based = stations[first:stop] + base[i]
-        there, _ = project(points[first:stop], based, x[i], y[i], about + base[i], window[i])
+        about += base[i]
+        # Only what lies within the window: a whole line takes longer to copy than the rest.
+        low = first + min(_last(stations[first:stop], base[i], about - window[i]), stop - first - 2)
+        high = low + 2
+        while high < stop and stations[high - 1] + base[i] < about + window[i]:
+            high += 1
+        there, _ = project(points[low:high], stations[low:high] + base[i], x[i], y[i], about, window[i])
         station[i] = there - base[i]
 
 

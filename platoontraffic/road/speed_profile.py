@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from functools import cached_property
 from typing import NamedTuple
 
@@ -49,8 +48,7 @@ class SpeedProfile:
         line = *route.curvature(length), route.line.stations, route.limit, route.length if route.closed else math.inf
         limits = route.speed_factor, min(route.top_speed, driving.top), driving.lateral, driving.steering_rate
         begin = driving.station, driving.speed, driving.starts_within
-        columns = _profile(line, limits, begin, (driving.acceleration, PLANNED * driving.braking), length)
-        self._distance, self._time, self._speed = columns.tolist()
+        self._points = _profile(line, limits, begin, (driving.acceleration, PLANNED * driving.braking), length)
         self.acceleration = driving.acceleration
 
     @cached_property
@@ -60,30 +58,45 @@ class SpeedProfile:
 
     def time_for(self, distance: float) -> float:
         """Time to drive a distance [m]; beyond the last point at the speed there [s]."""
-        if distance <= 0:
-            return 0.0
-        k = bisect_right(self._distance, distance)
-        here, speed, driven = self._time[k - 1], self._speed[k - 1], distance - self._distance[k - 1]
-        if k == len(self._distance):
-            return here + driven / speed
-        share = driven / (self._distance[k] - self._distance[k - 1])
-        return here + 2 * driven / (speed + math.sqrt(speed**2 + share * (self._speed[k] ** 2 - speed**2)))
+        return _time_for(self._points, distance)
 
     def speed_after(self, time: float) -> float:
         """[m/s]"""
-        k = bisect_right(self._time, time)
-        if k == 0:
-            return self._speed[0]
-        if k == len(self._time):
-            return self._speed[-1]
-        share = (time - self._time[k - 1]) / (self._time[k] - self._time[k - 1])
-        return self._speed[k - 1] + share * (self._speed[k] - self._speed[k - 1])
+        return _speed_after(self._points, time)
 
 
 def load() -> None:
     """Load what is compiled here."""
     route = Route.along((), np.array([[0.0, 0.0], [1.0, 0.0]]), np.ones(2))
-    SpeedProfile(Driving(route, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0))
+    profile = SpeedProfile(Driving(route, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0))
+    profile.speed_after(profile.time_for(1.0))
+
+
+@compiled
+def _time_for(points, distance):
+    """`SpeedProfile.time_for` by points as of `_profile`."""
+    if distance <= 0:
+        return 0.0
+    distances, times, speeds = points
+    k = np.searchsorted(distances, distance, side="right")
+    speed, driven = speeds[k - 1], distance - distances[k - 1]
+    if k == len(distances):
+        return times[k - 1] + driven / speed
+    share = driven / (distances[k] - distances[k - 1])
+    return times[k - 1] + 2 * driven / (speed + math.sqrt(speed**2 + share * (speeds[k] ** 2 - speed**2)))
+
+
+@compiled
+def _speed_after(points, time):
+    """`SpeedProfile.speed_after` by points as of `_profile`."""
+    _, times, speeds = points
+    k = np.searchsorted(times, time, side="right")
+    if k == 0:
+        return speeds[0]
+    if k == len(times):
+        return speeds[-1]
+    share = (time - times[k - 1]) / (times[k] - times[k - 1])
+    return speeds[k - 1] + share * (speeds[k] - speeds[k - 1])
 
 
 @compiled
