@@ -51,14 +51,16 @@ def driven(route: Route, speed: float) -> Seen:
 @settings(deadline=None)  # the first call may compile
 @given(st.floats(0.1, 55), st.floats(0, 20), st.floats(0, 0.4), st.floats(3, 20))
 @example(1.0, 2.0, 0.25, 3.0)
+@example(1.75, 0.0, 0.0, 3.0)
 def test_on_a_straight_road_it_is_the_closed_form(distance, speed, starts_within, limit):
-    """But for the piece in which it comes to the limit: that has one acceleration, and takes 0.02 s longer."""
+    """But for the piece in which it comes to the limit: that has one acceleration, so it takes 0.02 s longer, and is up to 0.3 m/s
+    slower in it."""
     route, pace = route_of(STRAIGHT, limit), Pace(min(speed, limit), LAW.acceleration, limit, starts_within)
     expected = profile(route, 10.0, pace.speed, starts_within)
     for one, closed_form in (expected, pace), (expected.at_once, pace.at_once):
         assert one.time_for(distance) == pytest.approx(closed_form.time_for(distance), rel=0.02, abs=0.02)
     time = expected.time_for(distance)
-    assert expected.speed_after(time) == pytest.approx(pace.speed_after(time), abs=0.2)
+    assert expected.speed_after(time) == pytest.approx(pace.speed_after(time), abs=0.3)
 
 
 @pytest.mark.parametrize("speed", [0.0, 5.0, 12.0])
