@@ -197,7 +197,6 @@ class Background:
         numbers = chain.from_iterable(map(direct(self._sumo.vehicle.getPosition), names))
         return np.fromiter(numbers, float, 2 * len(names)).reshape(-1, 2)
 
-
     def _speeds(self, names: Sequence[str]) -> np.ndarray:
         return np.fromiter(map(direct(self._sumo.vehicle.getSpeed), names), float, len(names))
 

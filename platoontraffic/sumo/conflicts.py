@@ -262,7 +262,7 @@ def _front_along(line: Sampled, half: float) -> tuple[Sampled, Sampled, Sampled]
 
 def _touches(front: Sequence[Sampled], path: Sampled, apart: float) -> float:
     """Station from which on one of the points of a front is less than a distance from a path [m]; inf: nowhere."""
-    return min((met[0][0] for one in front if (met := _met(one, path, apart))), default=math.inf)
+    return min(_first_near(one.stations, one.points, path.points, apart) for one in front)
 
 
 def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
@@ -322,13 +322,9 @@ def _places(own: Sampled, other: Sampled, apart: float, between: float) -> Itera
 
     between: length of the own line between two places, at least [m]
     """
-    first, last = _near(own.points, other.points, apart)
-    rows = np.flatnonzero(last >= 0)
-    if not len(rows):
-        return
-    parts = np.split(rows, 1 + np.flatnonzero(np.diff(own.stations[rows]) >= between))
-    for part in parts:
-        mine, its = _span(own, part[0], part[-1]), _span(other, first[part].min(), last[part].max())
+    parts = _parts(own.stations, own.points, other.points, apart, between).tolist()
+    for begin, end, its_begin, its_end in parts:
+        mine, its = _span(own, begin, end), _span(other, its_begin, its_end)
         if len(parts) == 1:
             yield Place(mine, its, own, other)
         else:
@@ -394,25 +390,83 @@ def _at_equal_distances(line, step):
 
 
 @compiled
+def _box_about(points, apart):
+    """Sides of a box about points (k, 2) and all that is less than a distance from them: most others are not within."""
+    x, y, reach = points[:, 0], points[:, 1], apart * (1 + ROUNDED)
+    return x.min() - reach, x.max() + reach, y.min() - reach, y.max() + reach
+
+
+@compiled
+def _is_within(point, box):
+    left, right, bottom, top = box
+    return left <= point[0] <= right and bottom <= point[1] <= top
+
+
+@compiled
+def _is_near(point, other, apart):
+    """Whether two points are less than a distance from each other."""
+    dx, dy = point[0] - other[0], point[1] - other[1]
+    # The root takes long, and decides only where the square is nearly the same.
+    squares = dx * dx + dy * dy
+    if squares > apart * apart * (1 + ROUNDED):
+        return False
+    return squares < apart * apart * (1 - ROUNDED) or math.hypot(dx, dy) < apart
+
+
+@compiled
 def _near(points, others, apart):
     """The first and the last of other points (l, 2) that each of points (k, 2) is less than a distance from; last is
     -1 where there are none. Returns: (k,), (k,)."""
-    first, last = np.full(len(points), len(others)), np.full(len(points), -1)
-    # Most points are not near even the box round the others.
-    x, y, reach = others[:, 0], others[:, 1], apart * (1 + ROUNDED)
-    left, right, bottom, top = x.min() - reach, x.max() + reach, y.min() - reach, y.max() + reach
+    first, last, box = np.full(len(points), len(others)), np.full(len(points), -1), _box_about(others, apart)
     for i in range(len(points)):
-        if not (left <= points[i, 0] <= right and bottom <= points[i, 1] <= top):
-            continue
-        for k in range(len(others)):
-            dx, dy = points[i, 0] - others[k, 0], points[i, 1] - others[k, 1]
-            # The root takes long, and decides only where the square is nearly the same.
-            squares = dx * dx + dy * dy
-            if squares > apart * apart * (1 + ROUNDED):
-                continue
-            if squares < apart * apart * (1 - ROUNDED) or math.hypot(dx, dy) < apart:
-                first[i], last[i] = min(first[i], k), max(last[i], k)
+        if _is_within(points[i], box):
+            for k in range(len(others)):
+                if _is_near(points[i], others[k], apart):
+                    first[i], last[i] = min(first[i], k), max(last[i], k)
     return first, last
+
+
+@compiled
+def _spans(stations, points, other_stations, others, apart):
+    """The first and the last station of each of two lines where it is less than a distance from the other; inf, -inf:
+    nowhere. stations, other_stations: (k,), (l,) [m]; points, others: (k, 2), (l, 2) [m]"""
+    own_begin, own_end, its_begin, its_end = math.inf, -math.inf, math.inf, -math.inf
+    first, last = _near(points, others, apart)
+    for i in range(len(points)):
+        if last[i] >= 0:
+            own_begin, own_end = min(own_begin, stations[i]), stations[i]
+            its_begin, its_end = min(its_begin, other_stations[first[i]]), max(its_end, other_stations[last[i]])
+    return own_begin, own_end, its_begin, its_end
+
+
+@compiled
+def _parts(stations, points, others, apart, between):
+    """Where points (k, 2) at stations (k,) are less than a distance from other points (l, 2): first and last of these
+    points, and of the others there, (m, 4). between: least distance of two such places by the stations [m]"""
+    first, last = _near(points, others, apart)
+    found, m, before = np.empty((len(points), 4), np.int64), 0, -1
+    for i in range(len(points)):
+        if last[i] < 0:
+            continue
+        if before < 0 or stations[i] - stations[before] >= between:
+            found[m] = i, i, first[i], last[i]
+            m += 1
+        found[m - 1, 1], before = i, i
+        found[m - 1, 2], found[m - 1, 3] = min(found[m - 1, 2], first[i]), max(found[m - 1, 3], last[i])
+    return found[:m]
+
+
+@compiled
+def _first_near(stations, points, others, apart):
+    """The first station (k,) of points (k, 2) where one of other points (l, 2) is less than a distance from it; inf:
+    nowhere."""
+    box = _box_about(others, apart)
+    for i in range(len(points)):
+        if _is_within(points[i], box):
+            for k in range(len(others)):
+                if _is_near(points[i], others[k], apart):
+                    return stations[i]
+    return math.inf
 
 
 def _curvature(line: Sampled) -> float:
