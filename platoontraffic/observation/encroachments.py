@@ -18,7 +18,7 @@ from itertools import product
 
 import numpy as np
 
-from platoontraffic.observation.encroachments_kernel import NO_ROOM, Meetings, Trails, follow, meet
+from platoontraffic.observation.encroachments_kernel import NO_ROOM, STILL, Meetings, Trails, follow, meet
 from platoontraffic.observation.step import Step
 from platoontraffic.world.events import ENCROACHED, Event
 from platoontraffic.world.fleet import Member
@@ -74,7 +74,7 @@ class Encroachments:
             trails.half_width[self._columns] = traffic.width / 2
         if step.fleet.number is not self._numbers:
             self._find_seats(step.fleet.number)
-        head, found = self._step % self._trails.x.shape[1], np.empty((AT_ONCE * n, 4))
+        head, found = self._step % self._trails.poses.shape[1], np.empty((AT_ONCE * n, 4))
         place = self._columns, traffic.x, traffic.y
         own = self._seats, self._platoon[step.fleet.number]
         kept = tuple(self._trails), tuple(self._before), tuple(self._now)
@@ -104,8 +104,7 @@ class Encroachments:
 
     def _begin(self, steps: int) -> None:
         self._before, self._now = Meetings.none(0, MEETS), Meetings.none(0, MEETS)
-        nothing = np.zeros((0, steps))
-        self._trails = Trails(*[nothing] * 6, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
+        self._trails = Trails(np.zeros((0, steps, STILL + 1)), np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
         self._make_room()
 
     def _make_room(self) -> None:

@@ -19,18 +19,16 @@ HALVINGS = 12  # of a step, to find the instant within it
 CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
 NO_ROOM = -1  # in place of a number of encroachments
 
+# Columns of a pose: centre [m], of the heading, length of the path so far [m], and for how many steps it had been there.
+X, Y, COS, SIN, ARC, STILL = range(6)
+
 compiled = compiler(__file__, nearby_kernel.__file__)
 
 
 class Trails(NamedTuple):
-    """Of S bodies. Rings of K steps, (S, K), in which the column `head` is now and the one before it one step ago."""
+    """Of S bodies. Rings of K steps, in which `head` is now and the one before it one step ago."""
 
-    x: np.ndarray  # centre [m]
-    y: np.ndarray
-    cos: np.ndarray  # of the heading
-    sin: np.ndarray
-    arc: np.ndarray  # length of the path so far [m]
-    still: np.ndarray  # for how many steps it had been there, whole numbers
+    poses: np.ndarray  # columns X to STILL, which are read together, (S, K, 6)
     count: np.ndarray  # steps for which the body has been there, (S,) int
     longest: np.ndarray  # longest way in one step [m], (S,)
     half_length: np.ndarray  # (S,) [m]
@@ -65,19 +63,22 @@ def follow(trails, before, now, head, dt, slot, x, y, cos, sin, seat, platoon, f
 @compiled
 def extend(trails, head, slot, x, y, cos, sin):
     """Add where bodies are now; slot: column of each, (N,)."""
-    rows = trails.x.shape[1]
+    rows = trails.poses.shape[1]
     for i in range(len(slot)):
         s, before = slot[i], (head - 1) % rows
         way = 0.0
-        if trails.count[s] > 0:
-            way = math.hypot(x[i] - trails.x[s, before], y[i] - trails.y[s, before])
+        last, pose = trails.poses[s, before], trails.poses[s, head]
+        pose[X], pose[Y], pose[COS], pose[SIN] = x[i], y[i], cos[i], sin[i]
+        stands = trails.count[s] > 0
+        if stands:
+            way = math.hypot(x[i] - last[X], y[i] - last[Y])
             trails.longest[s] = max(trails.longest[s], way)
-            trails.arc[s, head] = trails.arc[s, before] + way
+            pose[ARC] = last[ARC] + way
+            for k in range(ARC):
+                stands = stands and pose[k] == last[k]
         else:
-            trails.longest[s] = trails.arc[s, head] = 0.0
-        trails.x[s, head], trails.y[s, head], trails.cos[s, head], trails.sin[s, head] = x[i], y[i], cos[i], sin[i]
-        stood = trails.count[s] > 0 and _pose(trails, head, s) == _pose(trails, before, s)
-        trails.still[s, head] = trails.still[s, before] + 1 if stood else 0
+            trails.longest[s] = pose[ARC] = 0.0
+        pose[STILL] = last[STILL] + 1 if stands else 0.0
         trails.count[s] += 1
 
 
@@ -97,9 +98,10 @@ def meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found):
     length, radius, old_x, old_y = np.empty(bodies), np.empty(bodies), np.empty(bodies), np.empty(bodies)
     longest = widest = 0.0
     for k in range(bodies):
-        s, row = slot[k], _oldest(trails, head, slot[k])
-        length[k] = trails.arc[s, head] - trails.arc[s, row]
-        old_x[k], old_y[k] = trails.x[s, row], trails.y[s, row]
+        s = slot[k]
+        oldest = trails.poses[s, _oldest(trails, head, s)]
+        length[k] = trails.poses[s, head, ARC] - oldest[ARC]
+        old_x[k], old_y[k] = oldest[X], oldest[Y]
         radius[k] = math.hypot(trails.half_length[s], trails.half_width[s])
         longest, widest = max(longest, length[k]), max(widest, radius[k])
     by_x, sorted_x = in_order_of_x(x)
@@ -170,7 +172,7 @@ def _met(trails, head, dt, second, first, was_in, entered, least):
     if age < 0:
         return _finished(least), False, entered, CLOSED
     if not was_in:
-        entered = trails.arc[second, head]
+        entered = trails.poses[second, head, ARC]
         # From behind, over the trail's end: it follows. One that is long or slow also ends there for those that cross.
         oldest = _pose(trails, _oldest(trails, head, first), first)
         behind = _overlap(body, oldest) and _head_alike(body, oldest)
@@ -179,7 +181,7 @@ def _met(trails, head, dt, second, first, was_in, entered, least):
         least = CLOSED
     if least == CLOSED:
         return CLOSED, True, entered, CLOSED
-    if was_in and trails.arc[second, head] - entered > 2.0 * trails.half_width[second]:
+    if was_in and trails.poses[second, head, ARC] - entered > 2.0 * trails.half_width[second]:
         return _finished(least), True, entered, CLOSED
     return CLOSED, True, entered, min(least, _time_between(trails, head, dt, second, first, age))
 
@@ -195,7 +197,7 @@ def _time_between(trails, head, dt, second, first, age):
 
     age: of the first's newest pose that overlaps the second [steps], 1 or more
     """
-    rows = trails.x.shape[1]
+    rows = trails.poses.shape[1]
     now, before = _pose(trails, head, second), _pose(trails, (head - 1) % rows, second)
     old, new = _pose(trails, (head - age) % rows, first), _pose(trails, (head - age + 1) % rows, first)
     left, gone = 0.0, 1.0  # shares of the step from old to new: it overlaps, it does not
@@ -219,17 +221,17 @@ def _time_between(trails, head, dt, second, first, age):
 @compiled
 def _newest(trails, head, body, first):
     """Age of the newest pose of a trail that overlaps a body [steps]; -1: none does."""
-    rows = trails.x.shape[1]
+    rows = trails.poses.shape[1]
     touching = math.hypot(body[4], body[5]) + math.hypot(trails.half_length[first], trails.half_width[first])
     age, ages = 0, min(trails.count[first], rows)
     while age < ages:
         row = head - age if head >= age else head - age + rows
-        dx, dy = trails.x[first, row] - body[0], trails.y[first, row] - body[1]
+        dx, dy = trails.poses[first, row, X] - body[0], trails.poses[first, row, Y] - body[1]
         squared = dx * dx + dy * dy
         if squared <= touching * touching:
             if _overlap(body, _pose(trails, row, first)):
                 return age
-            age += 1 + int(trails.still[first, row])
+            age += 1 + int(trails.poses[first, row, STILL])
             continue
         away = math.sqrt(squared) - touching
         if trails.longest[first] * ages < away:  # the whole trail is farther away
@@ -241,21 +243,15 @@ def _newest(trails, head, body, first):
 @compiled
 def _oldest(trails, head, s):
     """Row of the oldest pose of a trail."""
-    rows = trails.x.shape[1]
+    rows = trails.poses.shape[1]
     return (head - min(trails.count[s], rows) + 1) % rows
 
 
 @compiled
 def _pose(trails, row, s):
     """x, y, cos, sin of the heading, half of length and width."""
-    return (
-        trails.x[s, row],
-        trails.y[s, row],
-        trails.cos[s, row],
-        trails.sin[s, row],
-        trails.half_length[s],
-        trails.half_width[s],
-    )
+    pose = trails.poses[s, row]
+    return pose[X], pose[Y], pose[COS], pose[SIN], trails.half_length[s], trails.half_width[s]
 
 
 @compiled
