@@ -19,7 +19,7 @@ HALVINGS = 12  # of a step, to find the instant within it
 CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
 NO_ROOM = -1  # in place of a number of encroachments
 
-# Columns of a pose: centre [m], of the heading, length of the path so far [m], and for how many steps it had been there.
+# Columns of a pose: centre [m], of the heading, length of the path so far [m], for how many steps it had been there.
 X, Y, COS, SIN, ARC, STILL = range(6)
 
 compiled = compiler(__file__, nearby_kernel.__file__)
