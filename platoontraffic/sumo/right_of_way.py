@@ -654,6 +654,10 @@ class RightOfWay:
         since = self._stood_since(ego.id, line.lane, distance, ego.length)
         return 0.0 if since is None else self._time() - since
 
+    def watches_queues(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether it has stood at this line for so long that it expects of a queue which moves that it goes on."""
+        return self._waited(line, distance, ego) > WATCHES_QUEUES_AFTER
+
     def _order(self, name: str, lane: str) -> tuple[float, str]:
         """Order in which vehicles that have stood at their lines go; of equal ones, by lane."""
         before, since = self._stood.get(name, ("", math.inf))

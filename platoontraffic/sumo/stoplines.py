@@ -336,7 +336,7 @@ class StopLines:
             if (before := self._way.stop_before_foes(line, driven, ego)) < math.inf:
                 is_open, reason, stop = False, RIGHT_OF_WAY, min(stop, before)
             may_stop = ego.speed < STANDING or ego.speed**2 / (2 * EARLY_BRAKING) < stop
-            if is_open and may_stop and not self._has_room(line, ego, midway=True):
+            if is_open and may_stop and not self._has_room(line, ego, -driven, midway=True):
                 return LineState(max(stop, 0.0), False, False, False, NO_ROOM)
             return LineState(stop, is_open, False, False, reason)
         if line.state == CHANGING:
@@ -444,7 +444,7 @@ class StopLines:
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if line.light and not self._is_cleared(line):
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
-        if not self._has_room(line, ego):
+        if not self._has_room(line, ego, distance):
             return LineState(distance, False, False, False, NO_ROOM)
         if len(line.via) > 1:
             is_open, reason = self._way.may_cross(line, distance, ego, midway=True), RIGHT_OF_WAY
@@ -488,13 +488,16 @@ class StopLines:
                 return False
         return True
 
-    def _has_room(self, line: Line, ego: Ego, *, midway: bool = False) -> bool:
+    def _has_room(self, line: Line, ego: Ego, distance: float = math.inf, *, midway: bool = False) -> bool:
         """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it.
 
         Vehicles that stand inside, from everywhere, join that queue first. Where it may wait midway, there must be room
         for it: no other vehicle stands there. To SUMO it may be there itself, a little over the line.
 
-        midway: it is before the place where it may wait midway: the queue may have grown since it passed the line
+        After `WATCHES_QUEUES_AFTER` at its line it expects of a queue that moves that it keeps its speed meanwhile.
+
+        distance: of its front from the line [m]; negative: beyond it
+        midway  : it is before the place where it may wait midway: the queue may have grown since it passed the line
         """
         now, length, size = self._now, ego.length, ego.size
         # Paths that part from its own are no cross traffic. But before a lane change it needs the room beside a queue.
@@ -511,7 +514,9 @@ class StopLines:
         if midway:
             inside[0] = [name for name in inside[0] if now.position[name] > now.position[ego.id]]
         crossings = self._conflicts[line].crossings
-        left = now.position[onto[last]] - now.length[onto[last]]
+        left, speed = now.position[onto[last]] - now.length[onto[last]], now.speed[onto[last]]
+        if speed >= STANDING and self._way.watches_queues(line, distance, ego):
+            left += speed * self._way.pace(line, ego).time_for(distance + line.across)
         merging = chain.from_iterable(one.via for one in crossings if one.merges)
         standing = [name for via in merging for name in now.on_lane[via] if now.speed[name] < STANDING]
         before = [*onto[:last], *chain.from_iterable(inside), *standing]

@@ -1778,6 +1778,22 @@ def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_r
     assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == has_room
 
 
+@pytest.mark.parametrize(("speed", "long", "has_room"), [(1.5, True, True), (1.5, False, False), (0.0, True, False)])
+def test_a_queue_that_moves_is_expected_to_move_on_by_a_driver_who_has_waited_for_long(speed, long, has_room):
+    """Behind a queue that crept past at 1.4 m/s a truck stood for 546 s: it was never as short as for a car."""
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(crossed(":b_0"),), walks=(), waits=9.0))
+    lines._now = SimpleNamespace(
+        on_lane={":a_0": [], ":b_0": [], "next_0": ["last", "first"]}, position={"last": 16.0, "first": 24.0},
+        speed={"last": speed, "first": speed}, length={"last": 5.0, "first": 5.0}, lane_length={"next_0": 100.0},
+    )  # fmt: skip
+    lines._way = SimpleNamespace(
+        watches_queues=lambda *_: long, members=frozenset(), pace=lambda *_: SimpleNamespace(time_for=lambda _: 8.0)
+    )
+    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, VEHICLES["truck"].length), 1.0) == has_room
+
+
 def test_a_change_back_to_the_lane_before_has_been_made_on_that_lane():
     first = Line(60.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, 140.0)
     back = first._replace(station=90.0, lane="road_1", onto="road_0", to_end=110.0)
