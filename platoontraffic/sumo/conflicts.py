@@ -35,11 +35,13 @@ ZIPPER = "Z"  # in the order of arrival
 
 APART = 0.8  # distance of two paths at which vehicles pass each other with a margin [lane widths]: 2.6 m in streets
 TOUCHES = 0.5  # distance of a front bumper from a path at which a vehicle there would touch it [lane widths]
-SWUNG = 0.3  # distance of a front corner from a car beside at which it is in that one's way, as both may be askew [m]
+SWUNG = 0.3  # distance of a corner or side from a car beside at which it is in that one's way, as both may be askew [m]
 SUMO_LENGTH = 5.0  # of SUMO's own cars [m]
+FRONT, BODY = (0.0,), (0.0, 0.25, 0.5, 0.75, 1.0)  # places of points on the sides of a body [shares, from its front]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
 ABOUT = 15.0  # distance before and beyond a junction from which a vehicle's path through it is rounded [m]
+REACH = 3.0  # the same for a long vehicle, whose body may be over the oncoming lane for so far [lengths]
 TAIL = 2.0  # part of the lane beyond the junction at which merging paths are compared [lane widths]
 SLOWEST = Pace(0.0, 1.5, 6.0)  # of members: it decides how far ahead foes are looked for
 SAME_POINT = 1e-6  # distance of points of a line that count as one [m]
@@ -63,7 +65,7 @@ class Crossing(NamedTuple):
     waits: float  # where it may wait midway; inf: nowhere
     fastest: float  # speed limit inside the junction [m/s]
     touches: float = math.inf  # where the own front begins to be in the foe's way; inf: nowhere
-    swings: bool = False  # the paths do not meet on the network, but the own front swings out over the foe's
+    swings: bool = False  # the paths do not meet on the network, but the own body swings out over the foe's
     blocks: float = math.inf  # where the front of a car that may wait midway begins to be in the own way; inf: nowhere
 
 
@@ -135,6 +137,7 @@ class Conflicts(NamedTuple):
     waits: float  # where the own path may wait midway [m]; inf: nowhere
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
     narrow: tuple[Crossing, ...] = ()  # paths apart from the own one for SUMO, but too close for two cars
+    swung_over: tuple[Crossing, ...] = ()  # paths over which a body longer than SUMO's own cars swings
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Client, paths: Paths | None = None) -> Conflicts:
@@ -181,8 +184,10 @@ class Conflicts(NamedTuple):
         upstream = dict(one for name in reversed(entering) for one in network.upstream(name, watched))
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
-        narrow = tuple(_narrow(line, met, inner, network, sumo, paths))
-        return cls(tuple(upstream.items()), tuple(crossings), walks, waits, bool(found), narrow)
+        swung = tuple(_swung_over_by_body(line, model, met, network, sumo, paths))
+        crossings = [_widened(one, swung) for one in crossings]
+        narrow = (*_narrow(line, met, inner, network, sumo, paths), *(one for one in swung if one.swings))
+        return cls(tuple(upstream.items()), tuple(crossings), walks, waits, bool(found), narrow, swung)
 
 
 def _narrow(
@@ -195,16 +200,59 @@ def _narrow(
 ) -> Iterator[Crossing]:
     """Paths from and to other edges that come close without a conflict in SUMO, as left turns against each other do."""
     lane, width = sumo.lane, sumo.lane.getWidth(line.lane)
-    own, edges = paths[line.via, line.onto, SAMPLED * width], [edge_of(line.lane), edge_of(line.onto)]
+    own = paths[line.via, line.onto, SAMPLED * width]
+    for before, via, onto in _of_other_edges(line, network, paths):
+        if via[0] in met or not inner.isdisjoint(via):
+            continue
+        if found := _met(own, paths[via, onto, SAMPLED * width], APART * width):
+            fastest = min(map(lane.getMaxSpeed, via))
+            yield Crossing(before, via, *found, False, False, math.inf, fastest)
+
+
+def _of_other_edges(line: Line, network: Network, paths: Paths) -> Iterator[tuple[str, tuple[str, ...], str]]:
+    """The paths through a line's junction from and to edges that are not its own: lane before, lanes inside, beyond."""
+    edges = [edge_of(line.lane), edge_of(line.onto)]
     for before in sorted({network.entered_from[name] for via in line.via[:1] for name in network.inside_with(via)}):
         for via, onto in paths.links[before]:
-            if not via or via[0] in met or not inner.isdisjoint(via):
-                continue
-            if edge_of(before) == edges[0] or edge_of(onto) == edges[1]:
-                continue
-            if found := _met(own, paths[via, onto, SAMPLED * width], APART * width):
-                fastest = min(map(lane.getMaxSpeed, via))
-                yield Crossing(before, via, *found, False, False, math.inf, fastest)
+            if via and edge_of(before) != edges[0] and edge_of(onto) != edges[1]:
+                yield before, via, onto
+
+
+def _swung_over_by_body(
+    line: Line,
+    model: Car,
+    met: Set[str],
+    network: Network,
+    sumo: Client,
+    paths: Paths,
+) -> Iterator[Crossing]:
+    """The paths over which the body of a vehicle swings that is longer than SUMO's own cars, for which lanes are laid.
+
+    In a sharp right turn its front swings over the oncoming lane, in a left turn its side: also before the line there.
+    The crossing swings if the paths do not meet on the network.
+    """
+    width, reach, front = sumo.lane.getWidth(line.lane), max(ABOUT, REACH * model.length), model.length / 2 - model.axle
+    # In a bend of radius R its front is about front^2 / 2 R farther out than its axle.
+    swings = front**2 * _curvature(paths[line.via, line.onto, SAMPLED * width]) / 2 > SWUNG
+    others = [*_of_other_edges(line, network, paths)] if model.length > SUMO_LENGTH and swings else []
+    body = _sides(line, model, sumo, BODY, reach) if others else ()
+    for before, via, onto in others:
+        its_path = _from_before(before, via, onto, reach, SAMPLED * width, sumo)
+        if spans := [*_swung(body, its_path)]:
+            own, (begin, end) = _joined(spans)
+            if begin < 0:  # its front faces those there, and keeps its distance from them
+                begin -= model.length / 2
+            fastest = min(map(sumo.lane.getMaxSpeed, via))
+            yield Crossing(before, via, own, (begin, end), False, False, math.inf, fastest, own[0], via[0] not in met)
+
+
+def _widened(crossing: Crossing, swung: Sequence[Crossing]) -> Crossing:
+    """A crossing with all of its path over which a long body swings; not before the line, where the other one waits."""
+    for one in swung:
+        if one.via == crossing.via and not crossing.merges:
+            own, its = _joined([(crossing.own, crossing.its), (one.own, (max(one.its[0], 0.0), one.its[1]))])
+            return crossing._replace(own=own, its=its)
+    return crossing
 
 
 def _swung_over(
@@ -222,7 +270,7 @@ def _swung_over(
     """
     edge, own = edge_of(line.onto), index_of(line.onto)
     others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != own]
-    corners = _front(line, model, sumo) if others else ()
+    corners = _sides(line, model, sumo, FRONT) if others else ()
     found: list[Crossing] = []
     for onto in others:
         inside = {name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)}
@@ -233,15 +281,39 @@ def _swung_over(
                 if its_onto != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
                     continue
                 its = paths[via, onto, SAMPLED * width]
-                apart, places = CARS["car"].width / 2 + SWUNG, (its, _middles(its, SUMO_LENGTH))
-                met_by = (_met(corner, place, apart) for corner in corners for place in places)
-                spans = [span for span in met_by if span]
+                spans = [*_swung(corners, its)]
                 if not spans:
                     continue
-                swung = tuple((min(of_one)[0], max(end for _, end in of_one)) for of_one in zip(*spans, strict=True))
+                swung = _joined(spans)
                 fastest = min(map(sumo.lane.getMaxSpeed, via))
                 found.append(Crossing(before, via, *swung, False, True, math.inf, fastest, swung[0][0], True))
     return found
+
+
+def _swung(body: Sequence[Sampled], its: Sampled) -> Iterator[tuple[Span, Span]]:
+    """Where points of the own body, by stations of its front, come so near to a path that a car there is in the way."""
+    apart = CARS["car"].width / 2 + SWUNG
+    met = (_met(point, path, apart) for path in (its, _middles(its, SUMO_LENGTH)) for point in body)
+    return (spans for spans in met if spans)
+
+
+def _joined(spans: Sequence[tuple[Span, Span]]) -> tuple[Span, Span]:
+    """From the first begin to the last end, of the own spans and of the others."""
+    own, its = ((min(of_one)[0], max(end for _, end in of_one)) for of_one in zip(*spans, strict=True))
+    return own, its
+
+
+def _from_before(before: str, via: Sequence[str], onto: str, reach: float, step: float, sumo: Client) -> Sampled:
+    """A path through a junction and the lane so far before it [m], by stations from the line."""
+    shape = np.array(sumo.lane.getShape(before))
+    stations = stations_of(shape)
+    begin = max(stations[-1] - reach, 0.0)
+    there = np.unique([begin, *stations[stations > begin]])
+    tail = np.column_stack([np.interp(there, stations, shape[:, k]) for k in (0, 1)])
+    path = np.concatenate([tail[:-1], _path(via, onto, sumo)])
+    path = path[np.concatenate([[True], np.hypot(*np.diff(path, axis=0).T) > SAME_POINT])]
+    found = _sampled(path, step)
+    return found._replace(stations=found.stations - (stations[-1] - begin))
 
 
 def _middles(line: Sampled, length: float) -> Sampled:
@@ -265,8 +337,11 @@ def _touches(front: Sequence[Sampled], path: Sampled, apart: float) -> float:
     return min(_first_near(one.stations, one.points, path.points, apart) for one in front)
 
 
-def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
-    """The paths of a vehicle's front corners through a junction, by stations of its front from the line.
+def _sides(line: Line, model: Car, sumo: Client, places: Sequence[float], reach: float = ABOUT) -> tuple[Sampled, ...]:
+    """The paths of points on both sides of a vehicle through a junction, by stations of its front from the line.
+
+    places: of the points, as shares of the body from its front to its rear
+    reach : distance before and beyond the junction from which its path is rounded [m]
 
     Its driven axle is on the line that it can drive, as members' are.
     """
@@ -275,16 +350,18 @@ def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
     whole = whole[np.concatenate([[True], np.hypot(*np.diff(whole, axis=0).T) > 1e-6])]
     stations, begin = stations_of(whole), stations_of(before)[-1]
     end = begin + stations_of(_path(line.via, line.onto, sumo))[-1]
-    about = stations[(stations > begin - ABOUT) & (stations < end + ABOUT)]
-    about = np.concatenate([[max(begin - ABOUT, 0.0)], about, [min(end + ABOUT, stations[-1])]])
+    about = stations[(stations > begin - reach) & (stations < end + reach)]
+    about = np.concatenate([[max(begin - reach, 0.0)], about, [min(end + reach, stations[-1])]])
     points = np.column_stack([np.interp(np.unique(about), stations, whole[:, k]) for k in (0, 1)])
     route = Route.along((), points, np.zeros(len(points)), [line._replace(station=begin - about[0])]).drivable_by(model)
     driven = np.arange(0.0, route.length, SAMPLED * sumo.lane.getWidth(line.lane))
-    axle, ahead = route.line.at(driven), model.length / 2 - model.axle
-    left = left_of(axle)
-    front, aside = axle + ahead * np.column_stack([left[:, 1], -left[:, 0]]), model.width / 2 * left
-    stations = driven - route.lines[0].station + ahead
-    return Sampled(stations, front + aside), Sampled(stations, front - aside)
+    axle, front, left = route.line.at(driven), model.length / 2 - model.axle, left_of(route.line.at(driven))
+    onward, aside = np.column_stack([left[:, 1], -left[:, 0]]), model.width / 2 * left
+    stations, found = driven - route.lines[0].station + front, []
+    for share in places:
+        middle = axle + (front - share * model.length) * onward
+        found += [Sampled(stations, middle + aside), Sampled(stations, middle - aside)]
+    return tuple(found)
 
 
 def _walks(own: Sampled, inner: set[str], width: float, sumo: Client) -> Iterator[Walk]:

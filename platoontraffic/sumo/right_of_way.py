@@ -62,6 +62,7 @@ COMES_UNTIL = 5.0  # a member that has stood for longer does not come: vehicles 
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
 JUNCTIONS = 3  # number of the next junctions at which a vehicle's path is compared with the own one
+QUEUE_GAP = 2.5  # between cars of SUMO's that stand in a queue [m]
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 
 
@@ -240,15 +241,21 @@ class RightOfWay:
         """
         if not (passed or self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
             return math.inf
-        stop = math.inf
+        stop, waits_until = math.inf, -over
         for foe in self._not_to_cut_off(line, over, ego, passed):
-            if foe.pace.speed < STANDING:
+            # One that stands where the own body will swing over it is waited for, but not for ever.
+            if foe.pace.speed < STANDING and (not foe.crossing.swings or self._squeezes_past(line, over, ego)):
                 continue
             left = _stop_before(foe.crossing, over, ego)
             margin = LEAST_MARGIN if foe.to_line > 0 and foe.crossing.first else 0.0
             if left < stop and not self._has_gap_among([foe], line, -over, ego, margin, -over):
                 stop = left
-        return -over if ego.speed**2 / (2 * STOPS_BY) < -over < stop < math.inf else stop
+                if foe.crossing.swings:  # from farther on it would be in the way of others
+                    waits_until = OVERRUN * ego.size - over
+        for place in (-over, waits_until):
+            if ego.speed**2 / (2 * STOPS_BY) < place < stop < math.inf:
+                return place
+        return stop
 
     def _not_to_cut_off(self, line: Line, over: float, ego: Ego, passed: str) -> Iterator[Approach]:
         """The vehicles that `stop_before_foes` is about."""
@@ -280,6 +287,10 @@ class RightOfWay:
         may_stop = foe.id in self.obedient and left > foe.pace.speed**2 / (2 * STOPS_BY)
         return may_stop or 0 < foe.to_line + crossing.waits < math.inf
 
+    def _squeezes_past(self, line: Line, over: float, ego: Ego) -> bool:
+        """Whether it goes by what it sees where one stands in the way of its body: it is inside, or has waited."""
+        return over > OVERRUN * ego.size or self._waited(line, -over, ego) > SWINGS_OUT_LONGEST
+
     def _first_where_it_is_narrow(self, line: Line, over: float) -> Iterator[Approach]:
         """Vehicles that go first where two cars inside the junction have no room beside each other.
 
@@ -291,6 +302,9 @@ class RightOfWay:
                 first = one.id not in self.members or self._is_sooner(one, line, over)
                 if first and not self.is_past(one):
                     yield one
+            if crossing.swings:
+                yield from self._too_near_to_stop(crossing)
+                continue
             for one in self._next_on(crossing):
                 state = self._links_ahead(one.id, crossing.before)[1]
                 may_stop = state in YELLOW and one.pace.speed**2 / (2 * STOPS_BY) < one.to_line
@@ -324,6 +338,66 @@ class RightOfWay:
             comes = distance + crossing.touches < 0 or self._now.waited[ego.id] <= COMES_UNTIL
             if (gives_way and comes) or not self._drives_on(foe):
                 self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
+
+    def note_swung_over(self, line: Line, distance: float) -> bool:
+        """Note the vehicles of SUMO's that must stop before the place over which a long vehicle's body swings.
+
+        They do not see that: their paths do not meet its own, or elsewhere only. Where they do, they stop once it is
+        there: before, either may have to give way.
+
+        distance: of its front from the line [m]; negative: beyond it
+        returns : whether its body is, or will be, over such a place
+        """
+        swings = False
+        for crossing in self._conflicts[line].swung_over:
+            if distance + crossing.own[1] < 0:
+                continue
+            swings = True
+            is_there = crossing.swings or distance + crossing.own[0] < 0
+            if not is_there and distance > 0:
+                continue
+            for foe in chain(self.on(crossing), self._towards(crossing)):
+                if not is_there and foe.pace.speed > NEARLY_STANDS:
+                    continue
+                # It is to stop by less, and sooner, as in `note_waiting`.
+                if foe.id not in self.members and self._can_stop_before(foe, STOPS_HARD_BY):
+                    left = foe.to_line + crossing.its[0] - BEFORE_PATH
+                    self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
+        return swings
+
+    def _can_stop_before(self, foe: Approach, braking: float) -> bool:
+        """Whether a vehicle can stop before the place at which its path meets the own one."""
+        return foe.to_line + foe.crossing.its[0] >= foe.pace.speed**2 / (2 * braking)
+
+    def _towards(self, crossing: Crossing) -> Iterator[Approach]:
+        """Vehicles near a place over which the own body swings, the first ones first.
+
+        Where it begins before the line, all on that lane come there.
+        """
+        now, begins = self._now, min(crossing.its[0], 0.0)
+        for name in reversed(now.on_lane[crossing.before]):
+            to_line, speed = now.lane_length[crossing.before] - now.position[name], now.speed[name]
+            if to_line + begins >= max(ENTERS_WITHIN, speed**2 / (2 * STOPS_BY)):
+                return
+            if begins < 0 or self._links_ahead(name, crossing.before)[0][:1] == crossing.via[:1]:
+                yield Approach(name, crossing, to_line, Pace(speed))
+
+    def _too_near_to_stop(self, crossing: Crossing) -> Iterator[Approach]:
+        """Those of them that do not stop for this one before that place.
+
+        One without priority, or behind such a one, will stand at its line, or in the queue before it. A queue at a red
+        light does not count: it does not go before the own light is red.
+        """
+        queue = 0.0
+        for one in self._towards(crossing):
+            inside, state = self._links_ahead(one.id, crossing.before)
+            if inside and state in RED + YELLOW:
+                return
+            stands = queue > 0 or (bool(inside) and state not in PRIORITY)
+            if one.id in self.members or not self._can_stop_before(one, STOPS_BY):
+                yield one._replace(to_line=min(queue, one.to_line), pace=Pace(0.0)) if stands else one
+            if stands:
+                queue += self._now.length[one.id] + QUEUE_GAP
 
     def _those_that_may_wait(self, line: Line) -> list[Approach]:
         """Vehicles of SUMO's on paths on which they wait midway in the own way, and those that enter there next."""

@@ -24,6 +24,7 @@ from platoontraffic.sumo.conflicts import (
     PRIORITY,
     RED,
     STOP,
+    SUMO_LENGTH,
     YELLOW,
     Conflicts,
     Crossing,
@@ -37,7 +38,7 @@ from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
 from platoontraffic.sumo.placement import BEFORE_END
 from platoontraffic.sumo.reads import Once, Reads
-from platoontraffic.sumo.right_of_way import RightOfWay
+from platoontraffic.sumo.right_of_way import QUEUE_GAP, RightOfWay
 from platoontraffic.sumo.room_to_change import FREE_AHEAD, QUEUE_SPEED, Here, RoomToChange, Wanted
 from platoontraffic.world import ground
 from platoontraffic.world.fleet import Fleet, Member
@@ -46,7 +47,6 @@ from platoontraffic.world.ground import Entry
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE, LETTING_IN = range(1, len(CLOSED_BY))
 
 SETS_OUT = 1.0  # a vehicle faster than that [m/s], with `FREE_AHEAD` before it, is in no queue
-QUEUE_GAP = 2.5  # between cars of SUMO's that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
 CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles come to whoever waits in their path [s]
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
@@ -269,6 +269,9 @@ class StopLines:
         before = ego.lane == passed.lane or ego.id in self._were_over_line if passed else False
         is_over = passed and (ego.lane in passed.via or (before and over < OVERRUN * ego.size))
         may_stop = is_over or (passed and passed.state == CHANGING)
+        swings = bool(passed and passed.via and ego.length > SUMO_LENGTH) and self._way.note_swung_over(
+            self._at_junction[passed, ego.kind], -over
+        )
         if may_stop:
             state = self._passed(self._at_junction[passed, ego.kind], over, ego)
             if passed.state == CHANGING and self._change.may_put_off(passed, over, ego, has_room=state is None):
@@ -289,7 +292,7 @@ class StopLines:
         has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
         may_be_far = distance >= min(checks_from, LOOK * ego.length) and ego.lane == line.lane
         stays = line.state == CHANGING and not first.open  # only while it is slow
-        if may_be_far and not stays and (has_changed or not may_stop) and not member.route.closed:
+        if may_be_far and not swings and not stays and (has_changed or not may_stop) and not member.route.closed:
             judged = None if line.state == CHANGING else self._at_junction[line, ego.kind]
             gives_way = judged is not None and self._gives_way(judged, self._link_state(judged))
             begins = passed.station if passed else -math.inf
@@ -413,6 +416,8 @@ class StopLines:
         if near and (enters or gives_way):
             self._way.note_waiting(line, distance, ego)
         if near and enters:
+            if ego.length > SUMO_LENGTH:
+                self._way.note_swung_over(line, distance)
             stop = self._way.stop_before_foes(line, -distance, ego)
             if stop < (math.inf if found.open else found.distance):
                 return found._replace(distance=stop, open=False, reason=RIGHT_OF_WAY)
