@@ -53,8 +53,8 @@ def driven(route: Route, speed: float) -> Seen:
 @example(1.0, 2.0, 0.25, 3.0)
 @example(1.75, 0.0, 0.0, 3.0)
 def test_on_a_straight_road_it_is_the_closed_form(distance, speed, starts_within, limit):
-    """But for the piece in which it comes to the limit: that has one acceleration, so it takes 0.02 s longer, and is up to 0.3 m/s
-    slower in it."""
+    """But for the piece in which it comes to the limit: that has one acceleration, so it takes 0.02 s longer, and is up
+    to 0.3 m/s slower in it."""
     route, pace = route_of(STRAIGHT, limit), Pace(min(speed, limit), LAW.acceleration, limit, starts_within)
     expected = profile(route, 10.0, pace.speed, starts_within)
     for one, closed_form in (expected, pace), (expected.at_once, pace.at_once):
