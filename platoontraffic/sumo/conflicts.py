@@ -37,6 +37,9 @@ APART = 0.8  # distance of two paths at which vehicles pass each other with a ma
 TOUCHES = 0.5  # distance of a front bumper from a path at which a vehicle there would touch it [lane widths]
 SWUNG = 0.3  # distance of a corner or side from a car beside at which it is in that one's way, as both may be askew [m]
 SUMO_LENGTH = 5.0  # of SUMO's own cars [m]
+SUMO_CAR = "sumo car"  # a kind: a car that is no longer than those, but longer than `CARS["car"]`
+# Vehicles for which conflicts are found, by kind; a kind is judged by one that is as long, or longer.
+KINDS = {"car": CARS["car"], SUMO_CAR: CARS["van"], "van": CARS["van"], "truck": CARS["truck"]}
 FRONT, BODY = (0.0,), (0.0, 0.25, 0.5, 0.75, 1.0)  # places of points on the sides of a body [shares, from its front]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
@@ -145,7 +148,7 @@ class Conflicts(NamedTuple):
         lane, paths = sumo.lane, Paths(sumo) if paths is None else paths
         foes = {*lane.getFoes(line.lane, line.onto)}  # lanes of the links with priority, and lanes inside
         width = lane.getWidth(line.lane)
-        own, model = paths[line.via, line.onto, SAMPLED * width], CARS[line.kind]
+        own, model = paths[line.via, line.onto, SAMPLED * width], KINDS[line.kind]
         front = _front_along(own, model.width / 2)
         crossings: list[Crossing] = []
         inner = {name for via in line.via for name in lane.getInternalFoes(via)} - set(line.via)
@@ -234,7 +237,8 @@ def _swung_over_by_body(
     width, reach, front = sumo.lane.getWidth(line.lane), max(ABOUT, REACH * model.length), model.length / 2 - model.axle
     # In a bend of radius R its front is about front^2 / 2 R farther out than its axle.
     swings = front**2 * _curvature(paths[line.via, line.onto, SAMPLED * width]) / 2 > SWUNG
-    others = [*_of_other_edges(line, network, paths)] if model.length > SUMO_LENGTH and swings else []
+    is_long = line.kind not in ("car", SUMO_CAR)
+    others = [*_of_other_edges(line, network, paths)] if is_long and swings else []
     body = _sides(line, model, sumo, BODY, reach) if others else ()
     for before, via, onto in others:
         its_path = _from_before(before, via, onto, reach, SAMPLED * width, sumo)

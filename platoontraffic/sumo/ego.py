@@ -12,11 +12,11 @@ from platoontraffic.controllers.path_kernel import SETTLING, STOP_BEFORE
 from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.road.route import Route
 from platoontraffic.road.speed_profile import Driving, SpeedProfile
-from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.sumo.conflicts import KINDS, SUMO_CAR, SUMO_LENGTH
 from platoontraffic.vehicles.motion import scale
 from platoontraffic.world.fleet import Member
 
-KINDS = sorted(CARS.items(), key=lambda named: named[1].length)
+LONGEST = sorted((SUMO_LENGTH if kind == SUMO_CAR else model.length, kind) for kind, model in KINDS.items())
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle may still stop there [m]
@@ -36,7 +36,7 @@ class Ego(NamedTuple):
     acceleration: float = 1.5  # of its law in comfort, as far as its engine has it [m/s2]
     lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
     braking: float = 3.0  # of its law before lines, comfortable [m/s2]
-    kind: str = "car"  # the shortest of `CARS` that is as long
+    kind: str = "car"  # the shortest of `KINDS` that is as long
     steering_rate: float = math.inf  # greatest change of its curvature by time [1/m/s]
     top: float = math.inf  # greatest speed beside a body that it drives round [m/s]
     drive: float = 0.0  # acceleration now [m/s2]
@@ -54,7 +54,7 @@ class Ego(NamedTuple):
         gains = [_gain(one, "acceleration", cls._field_defaults["acceleration"]) for one in _drivers(law)]
         lateral = [_gain(one, "lateral_acceleration", cls._field_defaults["lateral"]) for one in _drivers(law)]
         length = float(member.model.length)
-        kind = next((name for name, model in KINDS if length <= model.length), KINDS[-1][0])
+        kind = next((kind for longest, kind in LONGEST if length <= longest), LONGEST[-1][1])
         braking = _gain(_drivers(law)[-1], "braking", cls._field_defaults["braking"])
         strongest = float(member.model.strongest_acceleration(np.array(GATHERS_SPEED)))
         steering_rate = float(member.model.curvature_rate)

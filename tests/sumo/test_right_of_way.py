@@ -1778,8 +1778,11 @@ def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_r
     assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == has_room
 
 
-@pytest.mark.parametrize(("speed", "long", "has_room"), [(1.5, True, True), (1.5, False, False), (0.0, True, False)])
-def test_a_queue_that_moves_is_expected_to_move_on_by_a_driver_who_has_waited_for_long(speed, long, has_room):
+@pytest.mark.parametrize(
+    ("kind", "speed", "long", "has_room"),
+    [("truck", 1.5, True, True), ("truck", 1.5, False, False), ("truck", 0.0, True, False), ("car", 1.5, True, False)],
+)
+def test_a_queue_that_moves_is_expected_to_move_on_by_a_truck_that_has_waited_for_long(kind, speed, long, has_room):
     """Behind a queue that crept past at 1.4 m/s a truck stood for 546 s: it was never as short as for a car."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
@@ -1791,7 +1794,8 @@ def test_a_queue_that_moves_is_expected_to_move_on_by_a_driver_who_has_waited_fo
     lines._way = SimpleNamespace(
         watches_queues=lambda *_: long, members=frozenset(), pace=lambda *_: SimpleNamespace(time_for=lambda _: 8.0)
     )
-    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, VEHICLES["truck"].length), 1.0) == has_room
+    lines._now.position["last"] += VEHICLES[kind].length - VEHICLES["truck"].length  # each lacks as much room
+    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, VEHICLES[kind].length), 1.0) == has_room
 
 
 def test_a_change_back_to_the_lane_before_has_been_made_on_that_lane():
