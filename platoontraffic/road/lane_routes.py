@@ -152,11 +152,16 @@ class LaneRoute:
     parts: list[np.ndarray] = field(default_factory=list)  # points (k, 2) of each lane [m]
     limits: list[float] = field(default_factory=list)  # speed limit of each lane [m/s]
     lines: list[Line] = field(default_factory=list)
+    length: float = 0.0  # of the parts [m]
 
     def add(self, lane: Any) -> None:
         """Append a whole lane."""
-        self.parts.append(_line_of(lane, self.left_hand))
+        self._append(_line_of(lane, self.left_hand), lane)
+
+    def _append(self, part: np.ndarray, lane: Any) -> None:
+        self.parts.append(part)
         self.limits.append(lane.getSpeed())
+        self.length += _length(part)
 
     def cross(
         self, lane: Any, link: Any, position: float, longest: float = math.inf, first: Sequence[Line] = ()
@@ -177,22 +182,20 @@ class LaneRoute:
         for (here, there), (begin, share) in zip(pairwise(lanes), places, strict=True):
             before, across = begin * length, share * length
             sides, to_end = (here.getID(), there.getID()), _length(points) - before
-            at, aside = self._length() + before, _aside(here, there)
+            at, aside = self.length + before, _aside(here, there)
             self.lines.append(Line(at, CHANGING, "", 0, *sides, (), across, to_end, aside))
-        self.parts.append(points)
-        self.limits.append(lane.getSpeed())
+        self._append(points, lane)
         across = inside(link, self.net)
         ends = link.getFromLane().getID(), link.getToLane().getID()
         via, length = tuple(one.getID() for one in across), sum(one.getLength() for one in across)
         signal = link.getState(), link.getTLSID(), link.getTLLinkIndex()
-        self.lines.append(Line(self._length(), *signal, *ends, via, length))
+        self.lines.append(Line(self.length, *signal, *ends, via, length))
         for one in across:
             self.add(one)
 
     def close(self, lane: Any) -> None:
         """Append the first point, on the lane from which the route starts."""
-        self.parts.append(self.parts[0][:1])
-        self.limits.append(lane.getSpeed())
+        self._append(self.parts[0][:1], lane)
 
     def joined(self) -> tuple[np.ndarray, np.ndarray, list[Line]]:
         """Points (k, 2) [m], speed limit from each point on (k,) [m/s], stop lines."""
@@ -200,9 +203,6 @@ class LaneRoute:
         # Where one lane's last point is the first point of the next, the limit is that of the next.
         new = np.concatenate([np.hypot(*np.diff(line, axis=0).T) > 1e-6, [True]])
         return line[new], limit[new], self.lines
-
-    def _length(self) -> float:
-        return sum(_length(part) for part in self.parts)
 
 
 def _line_of(lane: Any, left_hand: bool) -> np.ndarray:
