@@ -64,6 +64,7 @@ class LaneChoice:
     def __init__(self, network: Network, now: Reads, room: RoomToChange) -> None:
         self._network, self._now, self._room = network, now, room
         self._times = Once(lambda edges: network.lane_times(edges))  # of routes, by their edges
+        self._slow = Once(self._slow_on)  # at this look, by lane
         self._due = -math.inf
         self._since: dict[str, float] = {}  # when members last chose another lane [s]
         self._chosen: list[_Chosen] = []
@@ -77,16 +78,19 @@ class LaneChoice:
     def look(self, fleet: Fleet, egos: Iterable[Ego], time: float) -> None:
         """Find members for which another lane is better. egos: members with a law that is given lines, as they drive"""
         self._due = time + EVERY
+        self._slow.clear()
         self._since = {name: since for name, since in self._since.items() if time - since < STAYS_FOR}
         self._may_stay = {name: lane for name, lane in self._may_stay.items() if name in fleet.row_of}
         round_it = {fleet.ids[row] for row in np.flatnonzero(fleet.goes_round)}
         asking = {ego.id: ego for ego in egos if ego.id not in round_it}  # those keep their ways round bodies
+        progress = fleet.progress
+        front = dict(zip(progress.rows.tolist(), (progress.station + progress.front).tolist(), strict=True))
         for head, behind in _together(fleet, asking.keys()).items():
             first = asking.get(fleet.ids[head])
             if first is None or first.id in self._since or first.length < FULL_SIZE:
                 continue
             rows = [head, *(row for row in behind if fleet.ids[row] in asking)]
-            if chosen := self._choose([(asking[fleet.ids[row]], _front(fleet, row)) for row in rows]):
+            if chosen := self._choose([(asking[fleet.ids[row]], front[row]) for row in rows]):
                 self._chosen.append(chosen)
                 self._since[first.id] = time
 
@@ -132,12 +136,14 @@ class LaneChoice:
         members: that which leads, and those behind it, with the station of each one's front bumper [m]
         """
         first, front = members[0]
+        end = first.route and _next_junction(first.route.lines, front)
+        # There is no queue before most members.
+        if not end or self._queue(end.lane, first).time + self._queue(end.onto, first).time < GAIN:
+            return None
         place = _place(first, front)
         if place is None:
             return None
         edge, lane, planned = edge_of(first.lane), index_of(first.lane), index_of(place.end.lane)
-        if self._queue(place.end.lane, first).time + self._queue(place.end.onto, first).time < GAIN:
-            return None
         times = self._times[first.route.edges].leaving(place.edge, lambda lane: self._queue(lane, first), REACH)
         times = {k: time + change_time(abs(k - lane), place.to_end) for k, time in times.items()}
         best = min(times, key=lambda k: (times[k], abs(k - planned)))
@@ -159,15 +165,18 @@ class LaneChoice:
 
     def _queue(self, lane: str, ego: Ego) -> Queue:
         """The vehicles before one on a lane that are slow, or stand at a stop."""
-        now = self._now
-        slow = [name for name in now.on_lane[lane] if now.speed[name] < QUEUE_SPEED]
-        if edge_of(lane) == edge_of(ego.lane):
+        now, slow = self._now, self._slow[lane]
+        if slow and edge_of(lane) == edge_of(ego.lane):
             rear = now.position[ego.id] - ego.length
             slow = [name for name in slow if name != ego.id and now.position[name] > rear]
         if not slow:
             return NO_QUEUE
         ends = min(now.position[name] - now.length[name] for name in slow)
         return Queue(sum(AT_STOP if now.stopped[name] else PER_VEHICLE for name in slow), now.lane_length[lane] - ends)
+
+    def _slow_on(self, lane: str) -> list[str]:
+        """The vehicles on a lane that are slow."""
+        return [name for name in self._now.on_lane[lane] if self._now.speed[name] < QUEUE_SPEED]
 
 
 def _together(fleet: Fleet, choose: Set[str]) -> dict[int, list[int]]:
