@@ -188,7 +188,6 @@ class Conflicts(NamedTuple):
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
         swung = tuple(_swung_over_by_body(line, model, met, network, sumo, paths))
-        crossings = [_widened(one, swung) for one in crossings]
         narrow = (*_narrow(line, met, inner, network, sumo, paths), *(one for one in swung if one.swings))
         return cls(tuple(upstream.items()), tuple(crossings), walks, waits, bool(found), narrow, swung)
 
@@ -248,15 +247,6 @@ def _swung_over_by_body(
                 begin -= model.length / 2
             fastest = min(map(sumo.lane.getMaxSpeed, via))
             yield Crossing(before, via, own, (begin, end), False, False, math.inf, fastest, own[0], via[0] not in met)
-
-
-def _widened(crossing: Crossing, swung: Sequence[Crossing]) -> Crossing:
-    """A crossing with all of its path over which a long body swings; not before the line, where the other one waits."""
-    for one in swung:
-        if one.via == crossing.via and not crossing.merges:
-            own, its = _joined([(crossing.own, crossing.its), (one.own, (max(one.its[0], 0.0), one.its[1]))])
-            return crossing._replace(own=own, its=its)
-    return crossing
 
 
 def _swung_over(

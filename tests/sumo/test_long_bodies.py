@@ -11,7 +11,7 @@ import pytest
 
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
-from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing, _widened
+from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import BEFORE_PATH, NEARLY_STANDS, SWINGS_OUT_LONGEST, RightOfWay
@@ -58,13 +58,9 @@ def test_a_long_body_swings_over_the_oncoming_lane_in_turns(generated_nets, kind
         for link in libsumo.lane.getLinks("B0B1_0"):
             line = Line(0.0, link[LINK_STATE], "", 0, "B0B1_0", link[LINK_ONTO], (link[LINK_VIA],), 10.0, kind=kind)
             conflicts = Conflicts.at(line, network, libsumo)
-            for one in conflicts.swung_over:
-                if not one.swings:
-                    wide = [other.own for other in conflicts.crossings if other.via == one.via and not other.merges]
-                    assert all(own[0] <= one.own[0] and one.own[1] <= own[1] for own in wide)
-                else:
-                    before_line = one.its[0] < -CARS[kind].length / 2, one.its[1] < 0.5
-                    found.add((link[LINK_ONTO], one.before, *before_line))
+            for one in (one for one in conflicts.swung_over if one.swings):
+                before_line = one.its[0] < -CARS[kind].length / 2, one.its[1] < 0.5
+                found.add((link[LINK_ONTO], one.before, *before_line))
     finally:
         libsumo.close()
     expected = {"right": ("B1C1_0", "C1B1_0", True, True), "left": ("B1A1_0", "A1B1_0", True, False)}
@@ -128,12 +124,3 @@ def test_a_truck_waits_at_its_line_for_those_that_are_where_its_body_will_swing(
     turns = way(*vehicles, state=state, swung=SWUNG._replace(its=place))
     turns._waited = lambda *_: waited
     assert turns.stop_before_foes(LINE, over, TRUCK) == pytest.approx(stop)
-
-
-def test_a_crossing_of_a_long_body_is_wider_but_does_not_begin_before_the_line_of_others():
-    met = Crossing("side_0", (":a_1",), (9.0, 12.0), (1.0, 5.0), False, True, np.inf, 10.0)
-    wide = _widened(met, (SWUNG,))
-    assert (wide.own, wide.its) == ((8.0, 14.0), (0.0, 5.0))
-    assert _widened(met._replace(via=(":a_2",)), (SWUNG,)).own == met.own
-    merges = met._replace(merges=True)
-    assert _widened(merges, (SWUNG,)) == merges
