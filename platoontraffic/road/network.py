@@ -318,7 +318,7 @@ class Network:
 
         Of lanes that overlap it is one that leads where the vehicle is headed, the nearest of these.
         """
-        found = [one for one in self._headed(x, y, heading) if one[2].getEdge().getFunction() != "internal"]
+        found = self._headed(x, y, heading, *self._lines_outside)
         return min(found, key=lambda one: one[0])[1] if found else None
 
     def keeps_to_a_lane(self, x: float, y: float, heading: float, body: shapely.Geometry) -> bool:
@@ -331,7 +331,7 @@ class Network:
             links = [(link.getViaLaneID(), link.getToLane()) for link in lane.getOutgoing()]
             return [self._net.getLane(via) if via else onto for via, onto in links]
 
-        for _, line, lane in self._headed(x, y, heading):
+        for _, line, lane in self._headed(x, y, heading, *self._centre_lines):
             for before in [*lane.getIncoming(onlyDirect=True), None]:
                 for behind in [*beyond(lane), None]:
                     lines = [(LineString(one.getShape()), one.getWidth()) for one in (before, behind) if one]
@@ -355,9 +355,10 @@ class Network:
                     return True
         return False
 
-    def _headed(self, x: float, y: float, heading: float) -> list[tuple[float, LineString, Any]]:
-        """Distance [m], centre line and lane of those at a place that lead where a vehicle is headed."""
-        lanes, lines = self._centre_lines
+    def _headed(
+        self, x: float, y: float, heading: float, lanes: Sequence[Any], lines: shapely.STRtree
+    ) -> list[tuple[float, LineString, Any]]:
+        """Distance [m], centre line and lane of those lanes at a place that lead where a vehicle is headed."""
         here, found = shapely.Point(x, y), []
         for k in lines.query(here, predicate="dwithin", distance=self.widest_lane / 2).tolist():
             lane, line = lanes[k], lines.geometries[k]
@@ -618,7 +619,10 @@ def junction_of(lane_id: str) -> str:
 def _lines_of(edges: Iterable[Any]) -> tuple[list[Any], shapely.STRtree]:
     """Lanes of edges, and their centre lines."""
     lanes = [lane for edge in edges for lane in edge.getLanes() if is_road(lane)]
-    return lanes, shapely.STRtree([LineString(lane.getShape()) for lane in lanes])
+    shapes = [lane.getShape() for lane in lanes]
+    of_lane = np.repeat(np.arange(len(lanes)), [len(shape) for shape in shapes])
+    # All at once: of a large town there are tens of thousands.
+    return lanes, shapely.STRtree(shapely.linestrings([point for shape in shapes for point in shape], indices=of_lane))
 
 
 def _heading(two: Sequence[Sequence[float]]) -> float:
