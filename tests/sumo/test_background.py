@@ -2,14 +2,44 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from platoontraffic.simulation import Simulation
+from platoontraffic.sumo.background import STRETCHED, Background
 
-pytestmark = pytest.mark.sumo
+REACH, DT = 50.0, 0.1  # [m], [s]
 
 
+@pytest.mark.parametrize(("own", "its", "stretched", "jump"), [
+    (40.0, 0.0, 1.0, 0.0), (0.0, 40.0, 1.0, 0.0), (30.0, 30.0, 1.0, 0.0), (0.0, 30.0, STRETCHED, 0.0),
+    (0.0, 0.0, 1.0, 6.4),
+])  # fmt: skip
+def test_one_that_comes_is_on_the_list_before_it_is_in_range(own, its, stretched, jump):
+    """Whenever the distances were measured last. jump: by which it changes over two lanes towards the member [m]"""
+    for begin in np.arange(60.0, 130.0, 0.5):
+        time = 0.0
+
+        def place():
+            return begin - stretched * its * time - jump * (time > 0.3), 0.0  # noqa: B023
+
+        vehicle = SimpleNamespace(
+            getIDList=lambda: ("a", "m"), getPosition=lambda name: place(), getSpeed=lambda name: its,
+            getLength=lambda name: 1.0, getWidth=lambda name: 2.0,
+        )  # fmt: skip
+        background, members = Background(SimpleNamespace(vehicle=vehicle), None), (SimpleNamespace(id="m"),)
+        while time < 3.0:
+            here = np.array([own * time])
+            motion = SimpleNamespace(x=here, y=np.zeros(1), speed=np.array([own]))
+            background._time = time
+            near = background._names(SimpleNamespace(members=members, motion=motion), REACH, frozenset())
+            assert "a" in near or abs(place()[0] - here[0]) > REACH, (begin, time)
+            time += DT
+
+
+@pytest.mark.sumo
 def test_the_list_of_near_vehicles_is_that_of_sumo_as_they_come_and_go():
     came = went = 0
     with Simulation.load("grid_platoons", "sumo.warm_up_s=200") as simulation:
@@ -27,6 +57,7 @@ def test_the_list_of_near_vehicles_is_that_of_sumo_as_they_come_and_go():
     assert went > 1
 
 
+@pytest.mark.sumo
 def test_no_vehicle_in_range_of_a_member_is_left_out_and_most_others_are():
     left_out = near = 0
     with Simulation.load("highway_platoon", "run.duration_s=40", "record.traffic_every_s=1000") as simulation:
