@@ -288,7 +288,7 @@ class RightOfWay:
         return may_stop or 0 < foe.to_line + crossing.waits < math.inf
 
     def _squeezes_past(self, line: Line, over: float, ego: Ego) -> bool:
-        """Whether it goes by what it sees where one stands in the way of its body: it is inside, or has waited."""
+        """Whether it goes although one stands where its body will swing: it is inside, or has waited for long."""
         return over > OVERRUN * ego.size or self._waited(line, -over, ego) > SWINGS_OUT_LONGEST
 
     def _first_where_it_is_narrow(self, line: Line, over: float) -> Iterator[Approach]:
@@ -342,8 +342,8 @@ class RightOfWay:
     def note_swung_over(self, line: Line, distance: float) -> bool:
         """Note the vehicles of SUMO's that must stop before the place over which a long vehicle's body swings.
 
-        They do not see that: their paths do not meet its own, or elsewhere only. Where they do, they stop once it is
-        there: before, either may have to give way.
+        SUMO knows no conflict there. Where the two paths also cross, they stop only once the body is there: before,
+        either vehicle may have to give way.
 
         distance: of its front from the line [m]; negative: beyond it
         returns : whether its body is, or will be, over such a place
@@ -383,10 +383,10 @@ class RightOfWay:
                 yield Approach(name, crossing, to_line, Pace(speed))
 
     def _too_near_to_stop(self, crossing: Crossing) -> Iterator[Approach]:
-        """Those of them that do not stop for this one before that place.
+        """Vehicles near such a place that cannot stop before it, as they will be there.
 
-        One without priority, or behind such a one, will stand at its line, or in the queue before it. A queue at a red
-        light does not count: it does not go before the own light is red.
+        One that has to give way will stand at its line, and those behind it in a queue. A queue at a red light does not
+        count: it stands until the own light is red.
         """
         queue = 0.0
         for one in self._towards(crossing):
