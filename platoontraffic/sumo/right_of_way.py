@@ -339,11 +339,12 @@ class RightOfWay:
             if (gives_way and comes) or not self._drives_on(foe):
                 self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
 
-    def note_swung_over(self, line: Line, distance: float) -> bool:
+    def note_swung_over(self, line: Line, distance: float, ego: Ego) -> bool:
         """Note the vehicles of SUMO's that must stop before the place over which a long vehicle's body swings.
 
         SUMO knows no conflict there. Where the two paths also cross, they stop only once the body is there: before,
-        either vehicle may have to give way.
+        either vehicle may have to give way. One that stands in its way goes on once it has stood for long: each would
+        wait for the other.
 
         distance: of its front from the line [m]; negative: beyond it
         returns : whether its body is, or will be, over such a place
@@ -354,7 +355,7 @@ class RightOfWay:
                 continue
             swings = True
             is_there = crossing.swings or distance + crossing.own[0] < 0
-            if not is_there and distance > 0:
+            if (not is_there and distance > 0) or self._now.waited[ego.id] > SWINGS_OUT_LONGEST:
                 continue
             for foe in chain(self.on(crossing), self._towards(crossing)):
                 if not is_there and foe.pace.speed > NEARLY_STANDS:

@@ -270,7 +270,7 @@ class StopLines:
         is_over = passed and (ego.lane in passed.via or (before and over < OVERRUN * ego.size))
         may_stop = is_over or (passed and passed.state == CHANGING)
         swings = bool(passed and passed.via and ego.length > SUMO_LENGTH) and self._way.note_swung_over(
-            self._at_junction[passed, ego.kind], -over
+            self._at_junction[passed, ego.kind], -over, ego
         )
         if may_stop:
             state = self._passed(self._at_junction[passed, ego.kind], over, ego)
@@ -417,7 +417,7 @@ class StopLines:
             self._way.note_waiting(line, distance, ego)
         if near and enters:
             if ego.length > SUMO_LENGTH:
-                self._way.note_swung_over(line, distance)
+                self._way.note_swung_over(line, distance, ego)
             stop = self._way.stop_before_foes(line, -distance, ego)
             if stop < (math.inf if found.open else found.distance):
                 return found._replace(distance=stop, open=False, reason=RIGHT_OF_WAY)

@@ -36,7 +36,7 @@ def way(*vehicles: tuple[str, float, float], state: str = "m", swung: Crossing =
     found._now = SimpleNamespace(
         on_lane=Once({":a_1": inside, "side_0": outside}.__getitem__), lane_length={":a_1": 20.0, "side_0": 100.0},
         max_speed={":a_0": 10.0}, position=position, speed={name: speed for name, _, speed in vehicles},
-        acceleration=defaultdict(lambda: 2.6), length=defaultdict(lambda: 5.0),
+        acceleration=defaultdict(lambda: 2.6), length=defaultdict(lambda: 5.0), waited=defaultdict(float),
     )  # fmt: skip
     found._links_ahead = lambda *_: ((":a_1",), state)
     found._waited = lambda *_: 0.0
@@ -81,14 +81,23 @@ def test_a_long_body_swings_over_the_oncoming_lane_in_turns(generated_nets, kind
 def test_a_car_stops_before_the_place_over_which_a_truck_swings(to_line, speed, distance, stop):
     """SUMO's driver does not see it: cars drove into the sides of trucks that turned."""
     turns = way(("c", to_line, speed))
-    assert turns.note_swung_over(LINE, distance) == (distance >= -14.0)
+    assert turns.note_swung_over(LINE, distance, TRUCK) == (distance >= -14.0)
     assert turns.stops == ({} if stop is None else {"c": pytest.approx(stop)})
+
+
+@pytest.mark.parametrize(("waited", "told"), [(SWINGS_OUT_LONGEST, True), (SWINGS_OUT_LONGEST + 0.1, False)])
+def test_one_that_stands_in_the_way_of_a_truck_goes_on_once_that_has_stood_for_long(waited, told):
+    """A car stood before a truck that turned, and each waited for the other: for 570 s."""
+    turns = way(("c", 9.0, 0.0))
+    turns._now.waited[TRUCK.id] = waited
+    assert turns.note_swung_over(LINE, -1.0, TRUCK)
+    assert ("c" in turns.stops) == told
 
 
 def test_all_of_a_queue_are_told_and_members_are_not():
     """A member is given its own line; of SUMO's cars behind one that cannot stop the next one must."""
     turns = way(("d", 15.0, 4.0), ("m.1", 9.0, 0.5), ("c", 1.0, 0.0))
-    turns.note_swung_over(LINE, -1.0)
+    turns.note_swung_over(LINE, -1.0, TRUCK)
     assert turns.stops == {"d": pytest.approx(9.0 - BEFORE_PATH)}
 
 
@@ -99,7 +108,7 @@ def test_all_of_a_queue_are_told_and_members_are_not():
 def test_where_the_paths_meet_as_well_others_stop_once_the_body_is_there_or_they_creep(distance, speed, told):
     """A car that has priority elsewhere goes on, unless it creeps: one closed the way of a truck for good."""
     turns = way(("c", -1.0, speed), swung=SWUNG._replace(its=(4.0, 12.0), swings=False))
-    turns.note_swung_over(LINE, distance)
+    turns.note_swung_over(LINE, distance, TRUCK)
     assert ("c" in turns.stops) == told
 
 
