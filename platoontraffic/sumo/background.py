@@ -19,8 +19,8 @@ from platoontraffic.world.traffic import PERSON, TrafficSnapshot
 
 RECHECK_AFTER = 0.5  # period after which distant vehicles are measured again [s]
 GAINS = 10.0  # greatest acceleration of a vehicle [m/s2]
-STRETCHED = 2.0  # greatest ratio of a lane's length as it is drawn, and driven by SUMO's cars, to that by which they go
-JUMPS = 10.0  # distance by which a vehicle may jump aside within the period: SUMO's cars change lanes at once [m]
+STRETCHED = 2.0  # a lane is drawn at most so many times as long as it is stated to be: there SUMO's cars move faster
+JUMPS = 10.0  # distance by which a vehicle may move aside within the period [m]: SUMO's cars change lanes at once
 BRIDGE = 30.0  # distance from a crossing of two levels within which vehicles on the other road are left out [m]
 AT_BRIDGE = 150.0  # distance from it within which members count [m]
 NO_VALUES = (np.empty(0),) * 6  # of no vehicles

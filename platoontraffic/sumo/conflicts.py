@@ -37,14 +37,14 @@ APART = 0.8  # distance of two paths at which vehicles pass each other with a ma
 TOUCHES = 0.5  # distance of a front bumper from a path at which a vehicle there would touch it [lane widths]
 SWUNG = 0.3  # distance of a corner or side from a car beside at which it is in that one's way, as both may be askew [m]
 SUMO_LENGTH = 5.0  # of SUMO's own cars [m]
-SUMO_CAR = "sumo car"  # a kind: a car that is no longer than those, but longer than `CARS["car"]`
+SUMO_CAR = "sumo car"  # the kind of a car that is longer than `CARS["car"]`, but no longer than SUMO's own
 # Vehicles for which conflicts are found, by kind; a kind is judged by one that is as long, or longer.
 KINDS = {"car": CARS["car"], SUMO_CAR: CARS["van"], "van": CARS["van"], "truck": CARS["truck"]}
 FRONT, BODY = (0.0,), (0.0, 0.25, 0.5, 0.75, 1.0)  # places of points on the sides of a body [shares, from its front]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
 ABOUT = 15.0  # distance before and beyond a junction from which a vehicle's path through it is rounded [m]
-REACH = 3.0  # the same for a long vehicle, whose body may be over the oncoming lane for so far [lengths]
+REACH = 3.0  # the same for a long vehicle: its body may be over the oncoming lane for so far [lengths]
 TAIL = 2.0  # part of the lane beyond the junction at which merging paths are compared [lane widths]
 SLOWEST = Pace(0.0, 1.5, 6.0)  # of members: it decides how far ahead foes are looked for
 SAME_POINT = 1e-6  # distance of points of a line that count as one [m]
