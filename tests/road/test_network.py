@@ -12,6 +12,7 @@ import shapely
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
+from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.road.network import MARGIN, Network
 from platoontraffic.road.sumo_files import check_net_file, read_polygons
 from platoontraffic.world.deployment import static_scene
@@ -420,3 +421,12 @@ def test_a_body_keeps_to_a_lane_up_to_the_margin_beside_it(tmp_path, x):
     assert not keeps(spare + 0.02)
     assert not keeps(-spare - 0.02)
     assert not keeps(0.0, heading=math.pi)
+
+
+def test_inside_a_junction_a_vehicle_is_on_no_lane():
+    network = Network.read(NETS / "grid" / "grid.net.xml")
+    points, _, (line, *_) = network.route_lanes(network.onward("A0_A1", 2))
+    before, middle, beyond = Polyline(points).at(line.station + np.array([-1.0, line.across / 2, line.across + 1.0]))
+    heading = math.atan2(*(beyond - before)[::-1])
+    assert network.lane_headed(*before, heading) is not None
+    assert network.lane_headed(*middle, heading) is None
