@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence, Set
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +133,8 @@ class JudgedLine(Line):
         return cls(*line._replace(station=0.0, state=state, kind=kind))
 
 
-class Conflicts(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Conflicts:
     """What a stop line must be judged by; constant during a run."""
 
     entering: tuple[tuple[str, float], ...]  # priority lanes, and the distance from each one's end to the junction [m]
@@ -141,6 +144,24 @@ class Conflicts(NamedTuple):
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
     narrow: tuple[Crossing, ...] = ()  # paths apart from the own one for SUMO, but too close for two cars
     swung_over: tuple[Crossing, ...] = ()  # paths over which a body longer than SUMO's own cars swings
+
+    @cached_property
+    def lanes(self) -> tuple[str, ...]:
+        """The lanes inside the junction of all paths that cross."""
+        return tuple(dict.fromkeys(via for one in self.crossings for via in one.via))
+
+    @cached_property
+    def by_path(self) -> dict[str, list[Crossing]]:
+        """The crossings with each path, by its first lane inside the junction."""
+        found: dict[str, list[Crossing]] = {}
+        for one in self.crossings:
+            found.setdefault(one.via[0], []).append(one)
+        return found
+
+    @cached_property
+    def waited_on(self) -> tuple[Crossing, ...]:
+        """Paths on which vehicles wait midway, where they are in the way."""
+        return tuple(one for one in self.crossings if not one.merges and one.its[0] < one.waits < math.inf)
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Client, paths: Paths | None = None) -> Conflicts:

@@ -101,16 +101,10 @@ class RightOfWay:
         self._outside = Once(self._foes_outside)
         self._patiently = Once(lambda line: [*self._approaching(line)])
         self._occupied = Once(self._occupied_paths)
-        self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
-        self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
+        self._first_inside = Once(lambda line: self._inside(line, first=True))
+        self._all_inside = Once(lambda line: self._inside(line, first=False))
         self._may_wait = Once(self._those_that_may_wait)
         self._profiles = Once(Ego.profile)
-        # For the whole run: paths on which vehicles wait midway, and the lanes inside the junction of all that cross.
-        self._waiting_in_path = Once(lambda line: [*self._waiters(line)])
-        self._crossing_lanes = Once(
-            lambda line: [*dict.fromkeys(via for one in conflicts[line].crossings for via in one.via)]
-        )
-        self._by_path = Once(lambda line: _by_path(conflicts[line].crossings))
         self.stops: dict[str, float] = {}
         self._inside_between = Once(self._between)
         # States of links without a light: by the lane before, and the first lane inside.
@@ -402,10 +396,10 @@ class RightOfWay:
 
     def _those_that_may_wait(self, line: Line) -> list[Approach]:
         """Vehicles of SUMO's on paths on which they wait midway in the own way, and those that enter there next."""
-        found = []
-        for crossing in self._waiting_in_path[line]:
-            inside = self.on(crossing) if crossing in self._occupied[line] else ()
-            found += [one for one in inside if one.id not in self.members]
+        occupied, found = self._occupied[line], []
+        for crossing in self._conflicts[line].waited_on:
+            if crossing in occupied:
+                found += [one for one in self.on(crossing) if one.id not in self.members]
             found += self._next_on(crossing, STOPS_BY)
         return found
 
@@ -425,25 +419,19 @@ class RightOfWay:
         across = sum(map(self._now.lane_length.__getitem__, crossing.via))
         return Line(0.0, MINOR[0], "", 0, crossing.before, onto, crossing.via, across)
 
-    def _next_on(self, crossing: Crossing, braking: float = math.inf) -> Iterator[Approach]:
-        """The vehicle that enters the junction next on a path, if it is one of SUMO's, and near.
+    def _next_on(self, crossing: Crossing, braking: float = math.inf) -> Sequence[Approach]:
+        """The vehicle that enters the junction next on a path, if it is one of SUMO's, and near; else none.
 
         braking: near is also from where it would stop at its line by that [m/s2]
         """
-        now = self._now
-        for name in now.on_lane[crossing.before][-1:]:
-            if name in self.members:
-                continue
-            to_line = now.lane_length[crossing.before] - now.position[name]
-            near = max(ENTERS_WITHIN, now.speed[name] ** 2 / (2 * braking))
-            if to_line < near and self._links_ahead(name, crossing.before)[0][:1] == crossing.via[:1]:
-                yield Approach(name, crossing, to_line, Pace(now.speed[name]))
-
-    def _waiters(self, line: Line) -> Iterator[Crossing]:
-        """Paths on which vehicles wait midway, where they are in the way."""
-        for crossing in self._conflicts[line].crossings:
-            if not crossing.merges and crossing.its[0] < crossing.waits < math.inf:
-                yield crossing
+        now, before = self._now, crossing.before
+        if not (names := now.on_lane[before]) or (name := names[-1]) in self.members:
+            return ()
+        to_line, speed = now.lane_length[before] - now.position[name], now.speed[name]
+        if to_line >= max(ENTERS_WITHIN, speed**2 / (2 * braking)):
+            return ()
+        is_on_it = self._links_ahead(name, before)[0][:1] == crossing.via[:1]
+        return (Approach(name, crossing, to_line, Pace(speed)),) if is_on_it else ()
 
     # ---- gaps
 
@@ -559,26 +547,24 @@ class RightOfWay:
 
     def _approaching(self, line: Line, ego: Ego | None = None) -> Iterator[Approach]:
         """The same as they come, but for those behind one that does not set out; ego: where nobody has priority."""
-        for foe, hurrying, ahead in self._outside[line]:
+        for foe, steady, ahead in self._outside[line]:
             before, patience = foe.crossing.before, HELD_UP_AFTER
             if ego and self._order(ahead.id if ahead else foe.id, before) > self._order(ego.id, line.lane):
                 patience = 0.0  # both stand, and it came later
             if ahead is None or self._hurries(*ahead, patience):
-                yield hurrying if self._hurries(foe.id, foe.to_line, patience) else foe
+                yield foe if self._hurries(foe.id, foe.to_line, patience) else foe._replace(pace=steady)
 
-    def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach, Standing | None]]:
-        """Those vehicles at their speed, and as they hurry; the next one before each that stands on its lane.
+    def _foes_outside(self, line: Line) -> list[tuple[Approach, Pace, Standing | None]]:
+        """Those vehicles as they hurry, and how they drive if they do not; the next one before each that stands.
 
         One that comes to a stop sign stops there first. One that can stop at a yellow light does, but for a member of a
         convoy. A vehicle behind one that stands midway, before the own path, does not count: that one stays while a
         member is inside.
         """
-        conflicts, crossings, now, found = self._conflicts[line], self._by_path[line], self._now, []
-        closed = {
-            crossing
-            for crossing in self._waiting_in_path[line]
-            if crossing in self._occupied[line] and any(map(self._stands_before, self.on(crossing)))
-        }
+        conflicts, now, found = self._conflicts[line], self._now, []
+        crossings, occupied = conflicts.by_path, self._occupied[line] if conflicts.waited_on else ()
+        waits = [one for one in conflicts.waited_on if one in occupied] if occupied else ()
+        closed = [one for one in waits if any(map(self._stands_before, self.on(one)))]
         for name, beyond in conflicts.entering:
             to_end, stands = beyond + now.lane_length[name], None
             for foe in reversed(now.on_lane[name]):
@@ -593,13 +579,14 @@ class RightOfWay:
                 if state in YELLOW and stops_here and speed**2 / (2 * STOPS_BY) < to_line:
                     continue
                 hurrying = Pace(speed, now.acceleration[foe], now.max_speed[name])
-                paces = Pace(speed), hurrying
+                steady = Pace(speed)
                 if state in STOP and inside[0] == via and speed >= STANDING:
                     stops_after = max(to_line, 0.0) / speed + speed / (2 * STOPS_BY)
-                    to_line, paces = 0.0, (hurrying._replace(speed=0.0, delay=stops_after),) * 2
+                    to_line, steady = 0.0, hurrying._replace(speed=0.0, delay=stops_after)
+                    hurrying = steady
                 for one in crossings[via]:
                     if one not in closed:
-                        found.append((*(Approach(foe, one, to_line, pace) for pace in paces), ahead))
+                        found.append((Approach(foe, one, to_line, hurrying), steady, ahead))
         return found
 
     def _stands_before(self, foe: Approach) -> bool:
@@ -644,22 +631,24 @@ class RightOfWay:
         return self._occupied[line]
 
     def _occupied_paths(self, line: Line) -> list[Crossing]:
-        on_lane, lanes = self._now.on_lane, self._crossing_lanes[line]
-        on_lane.look_up(lanes)
-        if not any(map(on_lane.__getitem__, lanes)):  # as at most lines
+        on_lane, conflicts = self._now.on_lane, self._conflicts[line]
+        on_lane.look_up(conflicts.lanes)
+        if not any(map(on_lane.__getitem__, conflicts.lanes)):  # as at most lines
             return []
-        return [one for one in self._conflicts[line].crossings if any(map(on_lane.__getitem__, one.via))]
+        return [one for one in conflicts.crossings if any(map(on_lane.__getitem__, one.via))]
 
-    def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:
+    def _inside(self, line: Line, *, first: bool) -> list[Approach]:
         """Vehicles inside the junction whose paths cross the own one.
 
         first: only those with priority
         """
-        for crossing in self._occupied[line]:
-            if crossing.first or not first:
-                for one in self.on(crossing):
-                    if not self.is_past(one) and not self.held_up(one.id, "in"):
-                        yield one
+        return [
+            one
+            for crossing in self._occupied[line]
+            if crossing.first or not first
+            for one in self.on(crossing)
+            if not self.is_past(one) and not self.held_up(one.id, "in")
+        ]
 
     def on(self, crossing: Crossing) -> Iterator[Approach]:
         """Vehicles inside the junction on a path; one that has left it with its nose only is on the next lane.
@@ -748,7 +737,7 @@ class RightOfWay:
             foe = names[-1]
             to_line = now.lane_length[before] - now.position[foe]
             inside, _ = self._links_ahead(foe, before)
-            met = self._by_path[line].get(inside[0]) if inside else None
+            met = conflicts.by_path.get(inside[0]) if inside else None
             if met and self._stood_since(foe, before, to_line, now.length[foe]) is not None:
                 crossing = met[0]
                 yield Approach(foe, crossing, to_line, Pace(now.speed[foe], now.acceleration[foe], crossing.fastest))
@@ -783,14 +772,6 @@ class RightOfWay:
 def _begin(crossing: Crossing) -> float:
     """Where the own front touches another path, or where that does not, where the paths meet [m]."""
     return crossing.touches if crossing.touches < math.inf else crossing.own[0]
-
-
-def _by_path(crossings: Iterable[Crossing]) -> dict[str, list[Crossing]]:
-    """The crossings with each path, by its first lane inside the junction."""
-    found: dict[str, list[Crossing]] = {}
-    for one in crossings:
-        found.setdefault(one.via[0], []).append(one)
-    return found
 
 
 def _state_of(links: Iterable[Sequence], inside: str) -> str:

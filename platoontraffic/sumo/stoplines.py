@@ -157,7 +157,7 @@ class StopLines:
             drive = zip(asking, lanes, speed, axle, strict=True)
             routes = [fleet.members[row].route for row in rows.tolist()]
             egos = (
-                ego._replace(lane=lane, speed=speed, axle=axle, route=route)
+                ego.driving(lane, speed, 0.0, route, axle)
                 for (ego, lane, speed, axle), route in zip(drive, routes, strict=True)
             )
             self._choice.look(fleet, egos, time)

@@ -239,7 +239,7 @@ def test_a_member_waits_for_people_midway_where_they_are_beyond_that_place(monke
     lines, line = crossed_by(crossing, (sum(crossing) / 2, 0.0), 0.0, 0.0)
     (conflicts,) = lines._conflicts.values()
     line = line._replace(via=(":x_0_0", ":x_1_0"))
-    lines._conflicts[line] = conflicts._replace(waits=30.0)
+    lines._conflicts[line] = replace(conflicts, waits=30.0)
     lines._now.max_speed.update({":x_0_0": 9.0, ":x_1_0": 9.0})
     lines._now.on_lane[":x_0_0"] = []
     for name in ("has_way", "may_cross"):
