@@ -42,6 +42,7 @@ SUMO_LENGTH = 5.0  # of SUMO's own cars [m]
 SUMO_CAR = "sumo car"  # the kind of a car that is longer than `CARS["car"]`, but no longer than SUMO's own
 # Vehicles for which conflicts are found, by kind; a kind is judged by one that is as long, or longer.
 KINDS = {"car": CARS["car"], SUMO_CAR: CARS["van"], "van": CARS["van"], "truck": CARS["truck"]}
+LONG = KINDS.keys() - {"car", SUMO_CAR}  # kinds whose bodies swing over paths that do not meet their own
 FRONT, BODY = (0.0,), (0.0, 0.25, 0.5, 0.75, 1.0)  # places of points on the sides of a body [shares, from its front]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
@@ -257,8 +258,7 @@ def _swung_over_by_body(
     width, reach, front = sumo.lane.getWidth(line.lane), max(ABOUT, REACH * model.length), model.length / 2 - model.axle
     # In a bend of radius R its front is about front^2 / 2 R farther out than its axle.
     swings = front**2 * _curvature(paths[line.via, line.onto, SAMPLED * width]) / 2 > SWUNG
-    is_long = line.kind not in ("car", SUMO_CAR)
-    others = [*_of_other_edges(line, network, paths)] if is_long and swings else []
+    others = [*_of_other_edges(line, network, paths)] if line.kind in LONG and swings else []
     body = _sides(line, model, sumo, BODY, reach) if others else ()
     for before, via, onto in others:
         its_path = _from_before(before, via, onto, reach, SAMPLED * width, sumo)

@@ -20,11 +20,11 @@ from platoontraffic.sumo.conflicts import (
     EQUAL,
     LINK_STATE,
     LINK_VIA,
+    LONG,
     MINOR,
     PRIORITY,
     RED,
     STOP,
-    SUMO_LENGTH,
     YELLOW,
     Conflicts,
     Crossing,
@@ -269,7 +269,7 @@ class StopLines:
         before = ego.lane == passed.lane or ego.id in self._were_over_line if passed else False
         is_over = passed and (ego.lane in passed.via or (before and over < OVERRUN * ego.size))
         may_stop = is_over or (passed and passed.state == CHANGING)
-        swings = bool(passed and passed.via and ego.length > SUMO_LENGTH) and self._way.note_swung_over(
+        swings = bool(passed and passed.via and ego.kind in LONG) and self._way.note_swung_over(
             self._at_junction[passed, ego.kind], -over, ego
         )
         if may_stop:
@@ -416,7 +416,7 @@ class StopLines:
         if near and (enters or gives_way):
             self._way.note_waiting(line, distance, ego)
         if near and enters:
-            if ego.length > SUMO_LENGTH:
+            if ego.kind in LONG:
                 self._way.note_swung_over(line, distance, ego)
             stop = self._way.stop_before_foes(line, -distance, ego)
             if stop < (math.inf if found.open else found.distance):
@@ -499,8 +499,8 @@ class StopLines:
         Vehicles that stand inside, from everywhere, join that queue first. Where it may wait midway, there must be room
         for it: no other vehicle stands there. To SUMO it may be there itself, a little over the line.
 
-        A vehicle longer than SUMO's own cars never finds as much room as these, which come in first. After
-        `WATCHES_QUEUES_AFTER` at its line it expects of a queue that moves that it keeps its speed meanwhile.
+        After `WATCHES_QUEUES_AFTER` at its line it expects of a queue that moves that it keeps its speed meanwhile.
+        SUMO's cars, which count vehicles that stand only, would come in first each time.
 
         distance: of its front from the line [m]; negative: beyond it
         midway  : it is before the place where it may wait midway: the queue may have grown since it passed the line
@@ -521,7 +521,7 @@ class StopLines:
             inside[0] = [name for name in inside[0] if now.position[name] > now.position[ego.id]]
         crossings = self._conflicts[line].crossings
         left, speed = now.position[onto[last]] - now.length[onto[last]], now.speed[onto[last]]
-        if length > SUMO_LENGTH and speed >= STANDING and self._way.watches_queues(line, distance, ego):
+        if speed >= STANDING and self._way.watches_queues(line, distance, ego):
             left += speed * self._way.pace(line, ego).time_for(distance + line.across)
         merging = chain.from_iterable(one.via for one in crossings if one.merges)
         standing = [name for via in merging for name in now.on_lane[via] if now.speed[name] < STANDING]
