@@ -499,8 +499,9 @@ class StopLines:
         Vehicles that stand inside, from everywhere, join that queue first. Where it may wait midway, there must be room
         for it: no other vehicle stands there. To SUMO it may be there itself, a little over the line.
 
-        After `WATCHES_QUEUES_AFTER` at its line it expects of a queue that moves that it keeps its speed meanwhile.
-        SUMO's cars, which count vehicles that stand only, would come in first each time.
+        After `WATCHES_QUEUES_AFTER` at a line where it gives way, a long one at any line, it expects of a queue that
+        moves that it keeps its speed meanwhile: SUMO's cars, which count vehicles that stand only, or need less room,
+        would come in first each time.
 
         distance: of its front from the line [m]; negative: beyond it
         midway  : it is before the place where it may wait midway: the queue may have grown since it passed the line
@@ -521,7 +522,8 @@ class StopLines:
             inside[0] = [name for name in inside[0] if now.position[name] > now.position[ego.id]]
         crossings = self._conflicts[line].crossings
         left, speed = now.position[onto[last]] - now.length[onto[last]], now.speed[onto[last]]
-        if speed >= STANDING and self._way.watches_queues(line, distance, ego):
+        others_first = ego.kind in LONG or self._gives_way(line, self._link_state(line))
+        if speed >= STANDING and others_first and self._way.watches_queues(line, distance, ego):
             left += speed * self._way.pace(line, ego).time_for(distance + line.across)
         merging = chain.from_iterable(one.via for one in crossings if one.merges)
         standing = [name for via in merging for name in now.on_lane[via] if now.speed[name] < STANDING]

@@ -1767,7 +1767,8 @@ def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_r
     """Each follower stood until its predecessor was round the bend: 8 s each, where SUMO's own cars take 3 s."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(crossed(":b_0"),), walks=(), waits=9.0))
+    conflicts = SimpleNamespace(crossings=(crossed(":b_0"),), walks=(), waits=9.0, entering=())
+    lines._conflicts = defaultdict(lambda: conflicts)
     names = [f"c{k}" for k in range(len(speeds))]
     speed, position = (dict(zip(names, values, strict=True)) for values in (speeds, places))
     on_lane, length = {":a_0": [], "next_0": names}, dict.fromkeys(names, 5.0)
@@ -1779,14 +1780,18 @@ def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_r
 
 
 @pytest.mark.parametrize(
-    ("kind", "speed", "long", "has_room"),
-    [("truck", 1.5, True, True), ("truck", 1.5, False, False), ("truck", 0.0, True, False), ("car", 1.5, True, True)],
-)
-def test_a_queue_that_moves_is_expected_to_move_on_by_one_that_has_waited_for_long(kind, speed, long, has_room):
+    ("kind", "state", "speed", "long", "has_room"),
+    [
+        ("truck", "m", 1.5, True, True), ("truck", "m", 1.5, False, False), ("truck", "m", 0.0, True, False),
+        ("truck", "M", 1.5, True, True), ("car", "w", 1.5, True, True), ("car", "M", 1.5, True, False),
+    ],
+)  # fmt: skip
+def test_a_queue_that_moves_is_expected_to_move_on_where_others_come_in_first(kind, state, speed, long, has_room):
     """Behind one that crept past at 1.4 m/s a truck stood for 546 s, and a car for 77 s: SUMO's cars came in first."""
-    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings=(crossed(":b_0"),), walks=(), waits=9.0))
+    conflicts = SimpleNamespace(crossings=(crossed(":b_0"),), walks=(), waits=9.0, entering=(("side_0", 0.0),))
+    lines._conflicts = defaultdict(lambda: conflicts)
     lines._now = SimpleNamespace(
         on_lane={":a_0": [], ":b_0": [], "next_0": ["last", "first"]}, position={"last": 16.0, "first": 24.0},
         speed={"last": speed, "first": speed}, length={"last": 5.0, "first": 5.0}, lane_length={"next_0": 100.0},
@@ -1795,7 +1800,7 @@ def test_a_queue_that_moves_is_expected_to_move_on_by_one_that_has_waited_for_lo
         watches_queues=lambda *_: long, members=frozenset(), pace=lambda *_: SimpleNamespace(time_for=lambda _: 8.0)
     )
     lines._now.position["last"] += VEHICLES[kind].length - VEHICLES["truck"].length  # each lacks as much room
-    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, VEHICLES[kind].length), 1.0) == has_room
+    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, VEHICLES[kind].length, kind=kind), 1.0) == has_room
 
 
 def test_a_change_back_to_the_lane_before_has_been_made_on_that_lane():
