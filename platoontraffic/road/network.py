@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -394,6 +394,18 @@ class Network:
                 for before in lane.getIncoming(onlyDirect=True):
                     heapq.heappush(todo, (beyond, before.getID()))
         return list(distances.items())
+
+    def approaches(self, lane_id: str, reach: float) -> Iterator[tuple[str, ...]]:
+        """The lanes before a lane on each path that leads to it, those inside junctions too, in driving order.
+
+        reach: distance from which a path is found, to the end of the lane [m]
+        """
+        lane = self._net.getLane(lane_id)
+        before = lane.getIncoming(onlyDirect=True) if (left := reach - lane.getLength()) > 0 else []
+        for one in before:
+            yield from ((*path, one.getID()) for path in self.approaches(one.getID(), left))
+        if not before:
+            yield ()
 
     def only_before(self, lane_id: str) -> str:
         """The lane, which may be inside a junction, from which all vehicles on a lane come.

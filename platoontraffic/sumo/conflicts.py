@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +49,7 @@ SAMPLED = 0.08  # distance of the points at which paths are compared [lane width
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
 ABOUT = 15.0  # distance before and beyond a junction from which a vehicle's path through it is rounded [m]
 REACH = 3.0  # the same for a long vehicle: its body may be over the oncoming lane for so far [lengths]
+MOST_APPROACHES = 8  # paths to a line that are compared: round small blocks there are any number
 TAIL = 2.0  # part of the lane beyond the junction at which merging paths are compared [lane widths]
 SLOWEST = Pace(0.0, 1.5, 6.0)  # of members: it decides how far ahead foes are looked for
 SAME_POINT = 1e-6  # distance of points of a line that count as one [m]
@@ -259,7 +261,9 @@ def _swung_over_by_body(
     # In a bend of radius R its front is about front^2 / 2 R farther out than its axle.
     swings = front**2 * _curvature(paths[line.via, line.onto, SAMPLED * width]) / 2 > SWUNG
     others = [*_of_other_edges(line, network, paths)] if line.kind in LONG and swings else []
-    body = _sides(line, model, sumo, BODY, reach) if others else ()
+    # How it turns depends on where it comes from, if the lane before is short: as at the exit of a roundabout.
+    approaches = islice(network.approaches(line.lane, reach), MOST_APPROACHES) if others else ()
+    body = [side for lanes in approaches for side in _sides(line, model, sumo, BODY, reach, lanes)]
     for before, via, onto in others:
         its_path = _from_before(before, via, onto, reach, SAMPLED * width, sumo)
         if spans := [*_swung(body, its_path)]:
@@ -352,15 +356,19 @@ def _touches(front: Sequence[Sampled], path: Sampled, apart: float) -> float:
     return min(_first_near(one.stations, one.points, path.points, apart) for one in front)
 
 
-def _sides(line: Line, model: Car, sumo: Client, places: Sequence[float], reach: float = ABOUT) -> tuple[Sampled, ...]:
+def _sides(
+    line: Line, model: Car, sumo: Client, places: Sequence[float], reach: float = ABOUT, comes_by: Sequence[str] = ()
+) -> tuple[Sampled, ...]:
     """The paths of points on both sides of a vehicle through a junction, by stations of its front from the line.
 
-    places: of the points, as shares of the body from its front to its rear
-    reach : distance before and beyond the junction from which its path is rounded [m]
+    places  : of the points, as shares of the body from its front to its rear
+    reach   : distance before and beyond the junction from which its path is rounded [m]
+    comes_by: lanes on which it comes to the lane before the line
 
     Its driven axle is on the line that it can drive, as members' are.
     """
-    before, beyond = np.array(sumo.lane.getShape(line.lane)), np.array(sumo.lane.getShape(line.onto))
+    before = np.array([point for name in (*comes_by, line.lane) for point in sumo.lane.getShape(name)])
+    beyond = np.array(sumo.lane.getShape(line.onto))
     whole = np.concatenate([before, *(np.array(sumo.lane.getShape(name)) for name in line.via), beyond])
     whole = whole[np.concatenate([[True], np.hypot(*np.diff(whole, axis=0).T) > 1e-6])]
     stations, begin = stations_of(whole), stations_of(before)[-1]

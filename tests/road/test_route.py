@@ -363,6 +363,14 @@ def test_upstream_gives_the_lanes_that_lead_to_a_lane_and_the_distances_of_their
     assert merged[":e3_0_0"] == pytest.approx(294.51)
 
 
+def test_approaches_are_the_paths_on_which_a_lane_is_reached():
+    corridor = Network.read(shipped.networks()["corridor"])
+    assert [*corridor.approaches("rn_rw_0", 16.0)] == [()]
+    assert sorted(corridor.approaches("rn_rw_0", 27.0)) == [(":rn_0_0",), (":rn_2_0",)]
+    assert sorted(corridor.approaches("rn_rw_0", 32.0)) == [("re_rn_0", ":rn_2_0"), ("round_n_rn_0", ":rn_0_0")]
+    assert [*corridor.approaches("west_light_0", 1000.0)] == [()]  # nothing leads there
+
+
 def test_upstream_gives_each_lane_once_with_its_shortest_distance():
     world = Network.read(shipped.networks()["lab_world"])  # its blocks are small: millions of paths
     lane = next(f"{edge}_0" for edge in sorted(world.edges))

@@ -9,9 +9,13 @@ import libsumo
 import numpy as np
 import pytest
 
+from platoontraffic.geometry.polyline import left_of
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
+from platoontraffic.shipped import networks
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
+from platoontraffic.sumo.conflicts import SWUNG as BESIDE
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import BEFORE_PATH, NEARLY_STANDS, SWINGS_OUT_LONGEST, RightOfWay
@@ -65,6 +69,29 @@ def test_a_long_body_swings_over_the_oncoming_lane_in_turns(generated_nets, kind
         libsumo.close()
     expected = {"right": ("B1C1_0", "C1B1_0", True, True), "left": ("B1A1_0", "A1B1_0", True, False)}
     assert found == {place for turn, place in expected.items() if turn in turns}
+
+
+@pytest.mark.sumo
+def test_at_the_exit_of_a_roundabout_a_body_swings_as_far_as_on_its_route_through_it():
+    """The lane before the exit is 16 m long: from there on alone a truck was taken to swing 6 m less far."""
+    network, truck = Network.read(networks()["corridor"]), CARS["truck"]
+    libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
+    try:
+        line = Line(0.0, "M", "", 0, "rn_rw_0", "rw_prio_0", (":rw_0_0",), 11.7, kind="truck")
+        (crossing,) = Conflicts.at(line, network, libsumo).swung_over
+    finally:
+        libsumo.close()
+    edges = ["re_rn", "rn_rw", "rw_prio"]
+    route = Route.along(edges, *network.route_lanes(edges)).drivable_by(truck)
+    begin = next(one.station for one in route.lines if one.lane == line.lane)
+    axle = route.line.at(np.arange(begin, begin + 30.0, 0.1))
+    left, front = left_of(axle), truck.length / 2 - truck.axle
+    corner = axle + front * np.column_stack([left[:, 1], -left[:, 0]]) + truck.width / 2 * left
+    # The oncoming lane leads east to its end, along y = -1.6 m; a car there is 1.8 m wide.
+    near = corner[:, 0][corner[:, 1] < -1.6 + CARS["car"].width / 2 + BESIDE].min()
+    end = network.lane_pose("prio_rw", 0, 312.97)[0]
+    assert crossing.before == "prio_rw_0"
+    assert crossing.its[0] <= near - end - truck.length / 2 + 0.3
 
 
 @pytest.mark.parametrize(
