@@ -119,6 +119,7 @@ def print_run(folder: Path) -> None:
         print_wide(table)
     if "equipped" in set(results.metrics.scope):
         print_wide(_trips(results))
+        out.print(_share(results), soft_wrap=True, markup=False)
     lengths = any(str(column.header).startswith(("gap", "cross")) for column in table.columns)
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     for line in not_equipped(facts):
@@ -126,7 +127,7 @@ def print_run(folder: Path) -> None:
     whole = results.metrics[results.metrics.scope == "run"].set_index("metric").value
     stood, stranded = whole["standstill_share_mean"], whole["stranded"]
     ended = results.events.detail[results.events.kind == "end"]
-    until = next((f", until {words}," for why, words in UNTIL.items() if why in set(ended)), "")
+    until = next((f", until {words}," for why, words in UNTIL.items() if why in set(ended) and table.row_count), "")
     out.print(
         f"{facts['simulated_s']:g} s{until} at {facts['real_time_factor']:g} x real time, "
         f"contacts {whole['collisions']:g}"
@@ -145,8 +146,9 @@ def not_equipped(facts: dict[str, Any]) -> Iterator[str]:
         yield f"{number} of the share stay SUMO's: {why}"
     faults = facts.get("undrivable_routes", [])
     for fault in faults[:ROUTE_FAULTS]:
-        example = f", such as {fault['such_as']}" if fault["vehicles"] > 1 else f", {fault['such_as']}"
-        yield f"  {fault['vehicles']}{example}: {shortened(fault['why'], FAULT)}"
+        number, name = fault["vehicles"], fault["such_as"]
+        who = f"{number} vehicles, such as {name}" if number > 1 else f"vehicle {name}"
+        yield f"  {who}: {shortened(fault['why'], FAULT)}"
     if further := faults[ROUTE_FAULTS:]:
         vehicles = sum(fault["vehicles"] for fault in further)
         yield f"  {vehicles} for {counted(len(further), 'other fault')}: see undrivable_routes in provenance.json"
@@ -181,7 +183,7 @@ def _trips(results: Results) -> Table:
     counted = {"arrived": "trips_finished", "on the road": "trips_running", "removed": "trips_removed"}
     if not metrics.value[metrics.metric == "trips_removed"].any():
         del counted["removed"]
-    for heading in (*counted, "mean delay in s", "before departure in s"):
+    for heading in (*counted, "mean delay of the arrived in s", "before departure in s"):
         table.add_column(heading, justify="right", no_wrap=True)
     for scope, name in (("equipped", "members"), ("traffic", "others"), ("everybody", "all")):
         values = metrics[metrics.scope == scope].set_index("metric").value
@@ -189,6 +191,14 @@ def _trips(results: Results) -> Table:
         numbers = (f"{values[m]:g}" for m in counted.values())
         table.add_row(name, *numbers, *(f"{d:.1f}" if d == d else "" for d in delays))
     return table
+
+
+def _share(results: Results) -> str:
+    """How many vehicles of the traffic that have departed are members."""
+    trips = results.metrics[results.metrics.metric.isin(["trips_finished", "trips_running", "trips_removed"])]
+    number = trips.groupby("scope").value.sum()
+    members, everybody = number["equipped"], number["everybody"]
+    return f"{members:g} of {everybody:g} vehicles are members{f', {members / everybody:.1%}' if everybody else ''}"
 
 
 def summary(folder: Path) -> dict[str, str | float | None]:

@@ -453,6 +453,14 @@ def test_where_sumos_own_do_not_all_arrive_times_are_not_compared_but_numbers_ar
     assert verdict(ride(arrivals=()), one).faults == (fault,)
 
 
+def test_where_nobody_arrives_nothing_holds():
+    """A run of 5 s was said to hold."""
+    nobody = ride(arrivals=())
+    assert verdict(nobody, nobody).faults == (
+        "nobody arrives, of SUMO's own cars neither; a longer --duration may tell",
+    )
+
+
 def test_a_member_that_may_still_arrive_in_time_is_not_late():
     """SUMO's own arrive at 110 s: by 130 s a member is not yet late, at 138 s it is. Without a median nothing holds."""
     one, all_ = ride(arrivals=(100.0,)), ride()

@@ -246,14 +246,17 @@ def test_a_run_says_why_members_cannot_drive_a_route(tmp_path, capsys):
     )
     print_run(run(tmp_path / "run", file))
     said = capsys.readouterr().out
-    assert "1 of the share stay SUMO's: a route that members cannot drive\n  1, back: turns back from 's_end'" in said
+    assert (
+        "1 of the share stay SUMO's: a route that members cannot drive\n  vehicle back: turns back from 's_end'" in said
+    )
+    assert "0 of 1 vehicles are members, 0.0%" in said
     assert "Gaps and cross-track" not in said  # no member is in a platoon, so the table has neither
 
 
 def test_faults_of_many_routes_are_printed_in_few_lines():
     faults = [{"vehicles": 5 - i, "such_as": f"v.{i}", "why": f"fault {i}"} for i in range(5)]
     lines = list(not_equipped({"not_equipped": {"no route": 15}, "undrivable_routes": faults}))
-    assert lines[:2] == ["15 of the share stay SUMO's: no route", "  5, such as v.0: fault 0"]
+    assert lines[:2] == ["15 of the share stay SUMO's: no route", "  5 vehicles, such as v.0: fault 0"]
     assert lines[-1] == "  3 for 2 other faults: see undrivable_routes in provenance.json"
     assert len(lines) == 5
     lines = list(not_equipped({"undrivable_routes": faults[:4]}))
