@@ -522,8 +522,8 @@ class StopLines:
             inside[0] = [name for name in inside[0] if now.position[name] > now.position[ego.id]]
         crossings = self._conflicts[line].crossings
         left, speed = now.position[onto[last]] - now.length[onto[last]], now.speed[onto[last]]
-        others_first = ego.kind in LONG or self._gives_way(line, self._link_state(line))
-        if speed >= STANDING and others_first and self._way.watches_queues(line, distance, ego):
+        others_first = speed >= STANDING and (ego.kind in LONG or self._gives_way(line, self._link_state(line)))
+        if others_first and self._way.watches_queues(line, distance, ego):
             left += speed * self._way.pace(line, ego).time_for(distance + line.across)
         merging = chain.from_iterable(one.via for one in crossings if one.merges)
         standing = [name for via in merging for name in now.on_lane[via] if now.speed[name] < STANDING]
