@@ -147,8 +147,8 @@ def not_equipped(facts: dict[str, Any]) -> Iterator[str]:
     faults = facts.get("undrivable_routes", [])
     for fault in faults[:ROUTE_FAULTS]:
         number, name = fault["vehicles"], fault["such_as"]
-        who = f"{number} vehicles, such as {name}" if number > 1 else f"vehicle {name}"
-        yield f"  {who}: {shortened(fault['why'], FAULT)}"
+        vehicles = f"{number} vehicles, such as {name}" if number > 1 else f"vehicle {name}"
+        yield f"  {vehicles}: {shortened(fault['why'], FAULT)}"
     if further := faults[ROUTE_FAULTS:]:
         vehicles = sum(fault["vehicles"] for fault in further)
         yield f"  {vehicles} for {counted(len(further), 'other fault')}: see undrivable_routes in provenance.json"
@@ -183,7 +183,7 @@ def _trips(results: Results) -> Table:
     counted = {"arrived": "trips_finished", "on the road": "trips_running", "removed": "trips_removed"}
     if not metrics.value[metrics.metric == "trips_removed"].any():
         del counted["removed"]
-    for heading in (*counted, "mean delay of the arrived in s", "before departure in s"):
+    for heading in (*counted, "mean delay of arrived ones in s", "before departure in s"):
         table.add_column(heading, justify="right", no_wrap=True)
     for scope, name in (("equipped", "members"), ("traffic", "others"), ("everybody", "all")):
         values = metrics[metrics.scope == scope].set_index("metric").value

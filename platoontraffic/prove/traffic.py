@@ -131,7 +131,7 @@ class Verdict(NamedTuple):
         faults += [counted(red, "red light")] if red else []
         faults += [f"{counted(yields, 'failure')} to yield"] if hours and yields / hours > YIELD_RATE else []
         if own and not any(one.arrivals for pair in made for one in (pair.platoons, pair.sumo) if one):
-            faults.append("nobody arrives, of SUMO's own cars neither; a longer --duration may tell")
+            faults.append("no member and none of SUMO's own cars arrives; a longer --duration may tell")
         fewer = [*_fewer(made)]
         if math.isinf(ratio) and not fewer:
             faults.append("most runs end before all members arrive; a longer --duration may tell")

@@ -453,11 +453,11 @@ def test_where_sumos_own_do_not_all_arrive_times_are_not_compared_but_numbers_ar
     assert verdict(ride(arrivals=()), one).faults == (fault,)
 
 
-def test_where_nobody_arrives_nothing_holds():
+def test_a_road_on_which_no_vehicle_arrives_does_not_hold():
     """A run of 5 s was said to hold."""
     nobody = ride(arrivals=())
     assert verdict(nobody, nobody).faults == (
-        "nobody arrives, of SUMO's own cars neither; a longer --duration may tell",
+        "no member and none of SUMO's own cars arrives; a longer --duration may tell",
     )
 
 
