@@ -80,3 +80,33 @@ class FarLines:
         distance, looks_from = self._station - front, self._looks_from
         is_far = np.where(np.isnan(looks_from), distance >= checks_from(speed, self._length), distance > looks_from)
         return (self._lane == np.array(lanes, object)) & (front > self._begins) & is_far, distance
+
+
+class LastLook:
+    """The lines of n members as they were judged at the last look."""
+
+    def __init__(self, egos: Sequence[Ego]) -> None:
+        n = len(egos)
+        self._front = np.full(n, np.nan)
+        self._state = LineState(*(np.zeros(n, kind) for kind in (float, bool, bool, bool, int)))
+
+    def take_over(self, other: LastLook, places: Sequence[tuple[int, int]]) -> None:
+        if not places:
+            return
+        here, there = (list(column) for column in zip(*places, strict=True))
+        self._front[here] = other._front[there]
+        for mine, its in zip(self._state, other._state, strict=True):
+            mine[here] = its[there]
+
+    def are_over(self, front: np.ndarray) -> np.ndarray:
+        driven = front - self._front
+        distance = self._state.distance
+        return ~(driven > -1.0) | ((distance > 0) & (distance <= driven))
+
+    def state_at(self, front: np.ndarray) -> LineState:
+        driven = front - self._front
+        return self._state._replace(distance=np.where(np.isnan(driven), self._state.distance, self._state.distance - driven))
+
+    def note(self, front: np.ndarray, state) -> None:
+        self._front = front
+        self._state = LineState(*state)

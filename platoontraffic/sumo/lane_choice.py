@@ -75,6 +75,9 @@ class LaneChoice:
         self._chosen.clear()
         return time > self._due - 1e-6
 
+    def drop(self) -> None:
+        self._chosen.clear()
+
     def look(self, fleet: Fleet, egos: Iterable[Ego], time: float) -> None:
         """Find members for which another lane is better. egos: members with a law that is given lines, as they drive"""
         self._due = time + EVERY

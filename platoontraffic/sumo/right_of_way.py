@@ -139,6 +139,10 @@ class RightOfWay:
         self.stops.clear()
         self._went, self._goes = self._goes, set()
 
+    def drive_on(self, step: float) -> None:
+        for name in self.stops:
+            self.stops[name] -= step * self._now.speed[name]
+
     def has_way(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
         """Whether a vehicle may pass a line at which it has to give way."""
         if state in ALL_STOP:

@@ -32,7 +32,7 @@ from platoontraffic.sumo.conflicts import (
     Paths,
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, OVERRUN, Ego
-from platoontraffic.sumo.far_lines import FarLines, LineState
+from platoontraffic.sumo.far_lines import FarLines, LastLook, LineState
 from platoontraffic.sumo.lane_choice import LaneChoice
 from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
@@ -46,6 +46,7 @@ from platoontraffic.world.ground import Entry
 
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE, LETTING_IN = range(1, len(CLOSED_BY))
 
+LOOKS_EVERY = 0.2
 SETS_OUT = 1.0  # a vehicle faster than that [m/s], with `FREE_AHEAD` before it, is in no queue
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
 CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles come to whoever waits in their path [s]
@@ -78,7 +79,9 @@ class StopLines:
         self._asking: list[Ego] = []  # those whose law needs signals, at rest
         self._rows = self._rows_in_progress = np.empty(0, dtype=np.intp)  # of those, in the fleet and in `progress`
         self._slow = np.empty(0)  # speed of those below which they may be in a queue [m/s]
-        self._far = FarLines(())  # of those
+        self._far, self._last = FarLines(()), LastLook(())  # of those
+        self._step = letting_in._step if letting_in else 1.0
+        self._every = max(round(LOOKS_EVERY / self._step), 1)  # steps from look to look
         # Members that stand with their front a little over a closed line, or on it, and how far over it [m].
         self.over_line: dict[str, float] = {}
         self._were_over_line: frozenset[str] = frozenset()  # at the last look
@@ -119,22 +122,32 @@ class StopLines:
             self._welcome(fleet)
         elif not self._asking:  # as at the last look, so nothing is left of one
             return None
-        self._begin_look()
+        time = self._sumo.simulation.getTime()
+        is_look = round(time / self._step) % self._every == 0
+        if is_look:
+            self._begin_look()
         if not self._asking:
             return None
         self.renew()
         self._has_looked = True
+        if not is_look:
+            self._way.drive_on(self._step)
+            self._later.begin_look()
+            self._choice.drop()
         rows, asking = self._rows, self._asking
         axle = fleet.progress.station[self._rows_in_progress]
         front = axle + (fleet.model.length / 2 - fleet.model.axle)[rows]
         speed, lanes = fleet.motion.speed[rows], [roads[ego.id][1] for ego in asking]
-        is_far, distance = self._far.still(front, speed, lanes)
-        signals = Signals(*(values.copy() for values in self._no_lines))
-        for values, column in zip(signals, self._far.state._replace(distance=distance), strict=True):
-            values[rows[is_far]] = column[is_far]
-        others = ~is_far | self._far.by_light | (self._far.changes & (speed < self._slow))
-        if self._stops:
-            others |= [ego.id in self._stops for ego in asking]
+        if is_look:
+            is_far, distance = self._far.still(front, speed, lanes)
+            known = [np.where(is_far, values, none) for values, none in zip(self._far.state._replace(distance=distance), NO_LINE, strict=True)]
+            others = ~is_far | self._far.by_light | (self._far.changes & (speed < self._slow))
+            if self._stops:
+                others |= [ego.id in self._stops for ego in asking]
+        else:
+            is_far, distance, others = np.zeros(len(asking), bool), front, self._last.are_over(front)
+            known = self._last.state_at(front)
+        now_at = front
         front, speed, distance = front.tolist(), speed.tolist(), distance.tolist()
         axle, drive = axle.tolist(), fleet.motion.acceleration[rows].tolist()
         goes_round = fleet.goes_round.tolist()
@@ -151,9 +164,15 @@ class StopLines:
                 state = self._state(member, front[k], ego, k)
             states.append(self._letting_in(state, ego) if ego.id in self._stops else state)
         if states:
-            for values, column in zip(signals, zip(*states, strict=True), strict=True):
-                values[rows[looked_at]] = column
-        if self._choice.is_due(time := self._sumo.simulation.getTime()):
+            for values, column in zip(known, zip(*states, strict=True), strict=True):
+                values[looked_at] = column
+        self._last.note(now_at, known)
+        signals = Signals(*(values.copy() for values in self._no_lines))
+        for values, column in zip(signals, known, strict=True):
+            values[rows] = column
+        if not is_look:
+            return signals
+        if self._choice.is_due(time):
             drive = zip(asking, lanes, speed, axle, strict=True)
             routes = [fleet.members[row].route for row in rows.tolist()]
             egos = (
@@ -190,7 +209,10 @@ class StopLines:
         before = {member.id: (k, member.route) for k, member in enumerate(old)}
         had = ((k, *before.get(member.id, (0, None)), member.route) for k, member in enumerate(asked))
         far, self._far = self._far, FarLines(self._asking)
-        self._far.take_over(far, [(k, j) for k, j, route, now in had if route and route is now])
+        stay = [(k, j) for k, j, route, now in had if route and route is now]
+        self._far.take_over(far, stay)
+        last, self._last = self._last, LastLook(self._asking)
+        self._last.take_over(last, stay)
 
     def with_other_lanes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members whose lane changes are later or sooner, or that have found a better
