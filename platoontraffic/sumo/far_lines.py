@@ -1,4 +1,5 @@
-"""The next stop lines of members, while they are so far away that the traffic about them does not count.
+"""The next stop lines of members, where they need not be judged: while they are so far away that the traffic about them
+does not count, and between two looks.
 
 Most members drive between junctions. Whether their lines are still far is decided for all of them at once.
 """
@@ -6,7 +7,7 @@ Most members drive between junctions. Whether their lines are still far is decid
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ import numpy as np
 from platoontraffic.controllers.path_kernel import LOOK
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.sumo.ego import Ego, checks_from
+
+BACK = 1.0  # distance by which a member may be farther back than it was [m], as where its place is found anew
 
 
 class LineState(NamedTuple):
@@ -43,15 +46,12 @@ class FarLines:
 
     def take_over(self, other: FarLines, places: Sequence[tuple[int, int]]) -> None:
         """Far lines of others: place here, place there."""
-        if not places:
-            return
-        here, there = (list(column) for column in zip(*places, strict=True))
-        for name in ("_lane", "_station", "_begins", "_looks_from", "by_light", "changes"):
-            getattr(self, name)[here] = getattr(other, name)[there]
-        for mine, its in zip(self.state, other.state, strict=True):
-            mine[here] = its[there]
+        _copy([*self._columns(), *self.state], [*other._columns(), *other.state], places)
         for k, j in places:
             self.lines[k] = other.lines[j]
+
+    def _columns(self) -> Iterator[np.ndarray]:
+        yield from (self._lane, self._station, self._begins, self._looks_from, self.by_light, self.changes)
 
     def note(self, k: int, ego: Ego, begins: float, line: Line, state: LineState, gives_way: bool) -> None:
         """Remember the next line of a member, if it is far.
@@ -70,8 +70,8 @@ class FarLines:
         for values, value in zip(self.state, state, strict=True):
             values[k] = value
 
-    def still(self, front: np.ndarray, speed: np.ndarray, lanes: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Which members still have a far line, (n,), and the distances of those [m].
+    def still(self, front: np.ndarray, speed: np.ndarray, lanes: Sequence[str]) -> tuple[np.ndarray, LineState]:
+        """Which members still have a far line, (n,); and the lines of all: those of the others do not count.
 
         front: stations of the front bumpers [m]
         speed: [m/s]
@@ -79,34 +79,41 @@ class FarLines:
         """
         distance, looks_from = self._station - front, self._looks_from
         is_far = np.where(np.isnan(looks_from), distance >= checks_from(speed, self._length), distance > looks_from)
-        return (self._lane == np.array(lanes, object)) & (front > self._begins) & is_far, distance
+        is_far &= (self._lane == np.array(lanes, object)) & (front > self._begins)
+        return is_far, LineState(distance, *(values.copy() for values in self.state[1:]))
 
 
 class LastLook:
-    """The lines of n members as they were judged at the last look."""
+    """The lines of n members as they were judged last; between two looks each of them comes nearer."""
 
-    def __init__(self, egos: Sequence[Ego]) -> None:
-        n = len(egos)
-        self._front = np.full(n, np.nan)
+    def __init__(self, n: int) -> None:
+        self._front = np.full(n, np.nan)  # station of the front bumper then [m]; NaN: it has not been judged
         self._state = LineState(*(np.zeros(n, kind) for kind in (float, bool, bool, bool, int)))
 
     def take_over(self, other: LastLook, places: Sequence[tuple[int, int]]) -> None:
-        if not places:
-            return
-        here, there = (list(column) for column in zip(*places, strict=True))
-        self._front[here] = other._front[there]
-        for mine, its in zip(self._state, other._state, strict=True):
-            mine[here] = its[there]
+        """Lines of others: place here, place there."""
+        _copy((self._front, *self._state), (other._front, *other._state), places)
 
-    def are_over(self, front: np.ndarray) -> np.ndarray:
+    def note(self, front: np.ndarray, state: LineState) -> None:
+        """They have been judged. front: stations of the front bumpers [m]"""
+        self._front, self._state = front, state
+
+    def now(self, front: np.ndarray) -> tuple[np.ndarray, LineState]:
+        """Which members have not been judged, or are beyond their lines by now, (n,); and the lines of all.
+
+        front: stations of the front bumpers [m]; on a closed route they begin anew
+        """
         driven = front - self._front
-        distance = self._state.distance
-        return ~(driven > -1.0) | ((distance > 0) & (distance <= driven))
+        distance = self._state.distance - np.nan_to_num(driven)
+        is_over = (self._state.distance > 0) & (distance <= 0)
+        is_new = ~(driven >= -BACK)  # so is the begin of another lap
+        return is_new | is_over, self._state._replace(distance=distance)
 
-    def state_at(self, front: np.ndarray) -> LineState:
-        driven = front - self._front
-        return self._state._replace(distance=np.where(np.isnan(driven), self._state.distance, self._state.distance - driven))
 
-    def note(self, front: np.ndarray, state) -> None:
-        self._front = front
-        self._state = LineState(*state)
+def _copy(mine: Sequence[np.ndarray], others: Sequence[np.ndarray], places: Sequence[tuple[int, int]]) -> None:
+    """Copy values of arrays. places: place here, place there"""
+    if not places:
+        return
+    here, there = (list(column) for column in zip(*places, strict=True))
+    for values, its in zip(mine, others, strict=True):
+        values[here] = its[there]

@@ -70,13 +70,13 @@ class LaneChoice:
         self._chosen: list[_Chosen] = []
         self._may_stay: dict[str, str] = {}  # the lane that members on their way to another one need not leave
 
+    def begin_look(self) -> None:
+        """Before the members of a step are asked about."""
+        self._chosen.clear()
+
     def is_due(self, time: float) -> bool:
         """Whether to look in this step. time: SUMO's clock [s]"""
-        self._chosen.clear()
         return time > self._due - 1e-6
-
-    def drop(self) -> None:
-        self._chosen.clear()
 
     def look(self, fleet: Fleet, egos: Iterable[Ego], time: float) -> None:
         """Find members for which another lane is better. egos: members with a law that is given lines, as they drive"""

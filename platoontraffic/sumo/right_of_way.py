@@ -139,9 +139,13 @@ class RightOfWay:
         self.stops.clear()
         self._went, self._goes = self._goes, set()
 
-    def drive_on(self, step: float) -> None:
-        for name in self.stops:
-            self.stops[name] -= step * self._now.speed[name]
+    def follow_stops(self, step: float) -> None:
+        """The vehicles that are to stop have driven for a step [s] since, or have left."""
+        for name in [*self.stops]:
+            try:
+                self.stops[name] -= step * self._now.speed[name]
+            except self._sumo.TraCIException:
+                del self.stops[name]
 
     def has_way(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
         """Whether a vehicle may pass a line at which it has to give way."""

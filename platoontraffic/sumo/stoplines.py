@@ -46,7 +46,7 @@ from platoontraffic.world.ground import Entry
 
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE, LETTING_IN = range(1, len(CLOSED_BY))
 
-LOOKS_EVERY = 0.2
+LOOKS_EVERY = 0.2  # period in which lines are judged [s], in whole steps
 SETS_OUT = 1.0  # a vehicle faster than that [m/s], with `FREE_AHEAD` before it, is in no queue
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
 CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles come to whoever waits in their path [s]
@@ -59,8 +59,10 @@ NO_LINE = LineState(np.inf, True, False, False, 0)
 class StopLines:
     """Judges stop lines by the vehicles that SUMO has about them."""
 
-    def __init__(self, network: Network, sumo: Client, letting_in: LettingIn | None = None) -> None:
-        """letting_in: None: nobody lets in"""
+    def __init__(
+        self, network: Network, sumo: Client, letting_in: LettingIn | None = None, step: float = LOOKS_EVERY
+    ) -> None:
+        """letting_in: None: nobody lets in; step: of SUMO's [s]"""
         self._network, self._sumo = network, sumo
         self._stops = letting_in.stops if letting_in else {}
         self._now = Reads(sumo)
@@ -79,9 +81,8 @@ class StopLines:
         self._asking: list[Ego] = []  # those whose law needs signals, at rest
         self._rows = self._rows_in_progress = np.empty(0, dtype=np.intp)  # of those, in the fleet and in `progress`
         self._slow = np.empty(0)  # speed of those below which they may be in a queue [m/s]
-        self._far, self._last = FarLines(()), LastLook(())  # of those
-        self._step = letting_in._step if letting_in else 1.0
-        self._every = max(round(LOOKS_EVERY / self._step), 1)  # steps from look to look
+        self._far, self._last = FarLines(()), LastLook(0)  # of those
+        self._step, self._every = step, max(round(LOOKS_EVERY / step), 1)  # from look to look [steps]
         # Members that stand with their front a little over a closed line, or on it, and how far over it [m].
         self.over_line: dict[str, float] = {}
         self._were_over_line: frozenset[str] = frozenset()  # at the last look
@@ -122,57 +123,50 @@ class StopLines:
             self._welcome(fleet)
         elif not self._asking:  # as at the last look, so nothing is left of one
             return None
-        time = self._sumo.simulation.getTime()
-        is_look = round(time / self._step) % self._every == 0
-        if is_look:
+        looks = self._looks_now()
+        if looks:
             self._begin_look()
         if not self._asking:
             return None
         self.renew()
         self._has_looked = True
-        if not is_look:
-            self._way.drive_on(self._step)
-            self._later.begin_look()
-            self._choice.drop()
+        if not looks:
+            self._between_looks()
         rows, asking = self._rows, self._asking
         axle = fleet.progress.station[self._rows_in_progress]
         front = axle + (fleet.model.length / 2 - fleet.model.axle)[rows]
         speed, lanes = fleet.motion.speed[rows], [roads[ego.id][1] for ego in asking]
-        if is_look:
-            is_far, distance = self._far.still(front, speed, lanes)
-            known = [np.where(is_far, values, none) for values, none in zip(self._far.state._replace(distance=distance), NO_LINE, strict=True)]
-            others = ~is_far | self._far.by_light | (self._far.changes & (speed < self._slow))
+        if looks:
+            is_far, state = self._far.still(front, speed, lanes)
+            judged = ~is_far | self._far.by_light | (self._far.changes & (speed < self._slow))
             if self._stops:
-                others |= [ego.id in self._stops for ego in asking]
+                judged |= [ego.id in self._stops for ego in asking]
         else:
-            is_far, distance, others = np.zeros(len(asking), bool), front, self._last.are_over(front)
-            known = self._last.state_at(front)
-        now_at = front
-        front, speed, distance = front.tolist(), speed.tolist(), distance.tolist()
+            judged, state = self._last.now(front)
+            is_far = np.zeros(len(asking), bool)
+        self._last.note(front, state)
+        front, speed, distance = front.tolist(), speed.tolist(), state.distance.tolist()
         axle, drive = axle.tolist(), fleet.motion.acceleration[rows].tolist()
         goes_round = fleet.goes_round.tolist()
-        looked_at = np.flatnonzero(others)
+        judged = np.flatnonzero(judged)
         states = []
-        for k, row in zip(looked_at.tolist(), rows[looked_at].tolist(), strict=True):
+        for k, row in zip(judged.tolist(), rows[judged].tolist(), strict=True):
             member, ego = fleet.members[row], asking[k]
             ego = ego.driving(lanes[k], speed[k], drive[k], member.route, axle[k])
             if goes_round[row]:
                 ego = ego._replace(top=member.route.limit_at(axle[k]))
             if is_far[k]:
-                state = self._ahead(self._far.lines[k], distance[k], False, ego, member.route)
+                found = self._ahead(self._far.lines[k], distance[k], False, ego, member.route)
             else:
-                state = self._state(member, front[k], ego, k)
-            states.append(self._letting_in(state, ego) if ego.id in self._stops else state)
+                found = self._state(member, front[k], ego, k)
+            states.append(self._letting_in(found, ego) if ego.id in self._stops else found)
         if states:
-            for values, column in zip(known, zip(*states, strict=True), strict=True):
-                values[looked_at] = column
-        self._last.note(now_at, known)
+            for values, column in zip(state, zip(*states, strict=True), strict=True):
+                values[judged] = column
         signals = Signals(*(values.copy() for values in self._no_lines))
-        for values, column in zip(signals, known, strict=True):
+        for values, column in zip(signals, state, strict=True):
             values[rows] = column
-        if not is_look:
-            return signals
-        if self._choice.is_due(time):
+        if looks and self._choice.is_due(time := self._sumo.simulation.getTime()):
             drive = zip(asking, lanes, speed, axle, strict=True)
             routes = [fleet.members[row].route for row in rows.tolist()]
             egos = (
@@ -182,11 +176,22 @@ class StopLines:
             self._choice.look(fleet, egos, time)
         return signals
 
+    def _looks_now(self) -> bool:
+        """Whether members look at their lines in this step."""
+        return self._every == 1 or round(self._sumo.simulation.getTime() / self._step) % self._every == 0
+
+    def _between_looks(self) -> None:
+        """What was found at the last look has been done since; vehicles that are to stop have come nearer."""
+        self._later.begin_look()
+        self._choice.begin_look()
+        self._way.follow_stops(self._step)
+
     def _begin_look(self) -> None:
         self._way.begin_look()
         self._were_over_line = frozenset(self.over_line)
         self.over_line.clear()
         self._later.begin_look()
+        self._choice.begin_look()
         self._change.begin_look()
 
     def _welcome(self, fleet: Fleet) -> None:
@@ -211,7 +216,7 @@ class StopLines:
         far, self._far = self._far, FarLines(self._asking)
         stay = [(k, j) for k, j, route, now in had if route and route is now]
         self._far.take_over(far, stay)
-        last, self._last = self._last, LastLook(self._asking)
+        last, self._last = self._last, LastLook(len(asked))
         self._last.take_over(last, stay)
 
     def with_other_lanes(self, fleet: Fleet) -> Fleet:

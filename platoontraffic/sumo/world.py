@@ -80,7 +80,7 @@ class World:
         self._placement = Placement(self._sumo, network, step)
         self._letting_go = LettingGo(self._sumo, network)
         self._letting_in, self._first_on_lanes = LettingIn(self._sumo, step, network), FirstOnLanes(self._sumo)
-        self._lines = StopLines(network, self._sumo, self._letting_in)
+        self._lines = StopLines(network, self._sumo, self._letting_in, step)
         self._waiting_places = WaitingPlaces(self._sumo, step)
         self._trips = Trips(self._sumo, self._placement, step)
         self._passages = Passages(self._sumo, network, counted, self._trips)
