@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -54,6 +55,9 @@ WEDGE = 2.5  # distance from the end of the lane before up to which a member off
 NEAR = 10.0  # distance from the begin of another lane of its route up to which it is put there instead [m]
 BEFORE_END = 0.1  # distance from that end at which it is put back, as is one that is held a little over its line [m]
 
+# A vehicle comes nearer to another one by at most so much [m/s]; no lane stays unlooked at for longer [s].
+PASSES_BY, IN_ORDER_FOR = 50.0, 0.5
+
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
 NO_ATTRIBUTES: Mapping[str, str] = MappingProxyType({})
@@ -71,6 +75,7 @@ class Placement:
         self._sumo, self._network, self._step = sumo, network, step
         self._shadows = Shadows(sumo, network, step)
         self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
+        self._in_order_until: dict[str, float] = {}  # SUMO's clock [s], by lane on which members are
         self._located: list[str] = []  # lanes of the members ...
         self._located_of: tuple[str, ...] = ()  # ... with these ids, after the last step
         self._entries: list[Entry] = []  # since `entries` was last called
@@ -289,6 +294,7 @@ class Placement:
             if enters and self._was_in.pop(name, None) != junction_of(lane):
                 self._entries.append((name, before, lane))
             where[name], self._located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
+            self._in_order_until.pop(lane, None)
             if (routed := self._routed[name]) and routed[0] != where[name][0]:
                 self._routed[name] = "", routed[1]  # SUMO may replace its route before it is on that edge again
             self._unsettled.add(name)
@@ -350,17 +356,20 @@ class Placement:
 
         SUMO looks for a vehicle's place in a lane's order only when it enters the lane, and takes the next in the order
         for its leader. So members leave the lane and enter it again, both before the next step: no driver sees them
-        elsewhere.
+        elsewhere. Where vehicles are far apart they are asked for more rarely: none passes another one so soon.
         """
         vehicle, on_lane = self._sumo.vehicle, direct(self._sumo.lane.getLastStepVehicleIDs)
         position_of = direct(vehicle.getLanePosition)
-        movers, where = self._moved(fleet), self.where
+        movers, where, until = self._moved(fleet), self.where, self._in_order_until
+        time = direct(self._sumo.simulation.getTime)()
         for lane in {lane: None for mover in movers if (lane := where[mover.id][1])}:
-            order = on_lane(lane)
-            if len(order) < 2:
+            if until.get(lane, time) > time:
                 continue
-            positions = list(map(position_of, order))
+            order = on_lane(lane)
+            positions = list(map(position_of, order)) if len(order) > 1 else []
             if positions == sorted(positions):
+                apart = min((ahead - behind for behind, ahead in pairwise(positions)), default=math.inf)
+                until[lane] = time + min(apart / PASSES_BY, IN_ORDER_FOR)
                 continue
             position = dict(zip(order, positions, strict=True))
             names = [mover.id for mover in movers if where[mover.id][1] == lane]
