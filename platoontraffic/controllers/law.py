@@ -67,6 +67,13 @@ class Law:
         """
         return None
 
+    def looks_along(self, speed: np.ndarray) -> float:
+        """Distance from which it slows for bends and limits of its route at speeds (n,) [m]; inf: any.
+
+        The route that it is given may end there, beyond what its laser sees.
+        """
+        return math.inf
+
     def remembered_path(self, memory: Any) -> np.ndarray | None:
         """The path that it remembers to drive, to be recorded and drawn; None if it remembers none.
 

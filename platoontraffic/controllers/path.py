@@ -25,6 +25,7 @@ from platoontraffic.vehicles.motion import Drive, Positive, VehicleModel
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 FILTER = 0.3  # time constant of the filter of the closing speed [s]
+LAGS = 2.0  # time for which an engine at most accelerates on after its command [s]
 SAME = 0.25  # greatest difference of the free distance from its prediction, for one obstacle [vehicle lengths]
 SMOOTH = ("sinusoid", "chirp")  # profiles that are fed forward through the vehicle's lag
 
@@ -248,6 +249,15 @@ class PathLeader(Law):
         words = OBSTACLE, LINE
         limits_of(acceleration, lines, obstacle, free, bearing, active, words, least, reason, toward)
         return least, creeps, BrakingFor(reason, toward, active)
+
+    def looks_along(self, speed: np.ndarray) -> float:
+        from platoontraffic.controllers.path_kernel import PLANNED, REACTION, SETTLING
+
+        if self.profile or self.trace:  # its own accelerations may be any
+            return math.inf
+        # What allows it to be faster by so much does not slow it: see `_slowed_to`.
+        faster = speed.max(initial=0.0) + SETTLING * (self.acceleration + self.braking) + LAGS * self.acceleration
+        return float(faster**2 / (2 * PLANNED * self.braking) + REACTION * faster)
 
     def acceleration_for_lines(self, sensed: Sensed, drive: np.ndarray) -> np.ndarray:
         """For a closed line ahead, (n,) [m/s2]; inf where there is none.

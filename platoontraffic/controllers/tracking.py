@@ -279,6 +279,9 @@ class TrackingFollower(Law):
         """From laser to rear at a steady speed [m]."""
         return self.stand_off + self.time_headway * speed
 
+    def looks_along(self, speed):
+        return self.alone.looks_along(speed)
+
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
         # Imported here, as below: importing numba takes half a second.
         from platoontraffic.controllers.tracking_kernel import decide

@@ -173,14 +173,22 @@ class Routes:
         return station
 
     def ahead(
-        self, station: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray, rows: np.ndarray | None = None
+        self,
+        station: np.ndarray,
+        x: np.ndarray,
+        y: np.ndarray,
+        heading: np.ndarray,
+        rows: np.ndarray | None = None,
+        reach: float = np.inf,
     ) -> RouteAhead:
         """The road ahead of stations (m,), in the frames of driven axles at poses (m,).
 
-        rows: of the routes, (m,); by default all
+        rows  : of the routes, (m,); by default all
+        reach : distance up to which it is needed [m]; `REACH` at most
         """
         rows = np.arange(len(station)) if rows is None else rows
-        shape = len(station), len(REACH)
+        needed = REACH.searchsorted(reach / self._length[rows].min(initial=np.inf)) + 1
+        shape = len(station), min(int(needed), len(REACH))
         ahead = RouteAhead(np.empty(shape), np.empty((*shape, 2)), *np.empty((2, *shape)), np.zeros(shape))
         routes = self._length, self._closed, self._end, self._span, self._base, self._factor, self._top_speed
         places, layout = (self._points_of, self._grid_of, self._changes_of), self._layout
@@ -293,7 +301,7 @@ def _look_ahead(rows, station, poses, routes, places, lines, grids, changes, shi
         begin, spacing = base[r], grid[-1] / (len(grid) - 1)  # the grid is even
         k = change = -1
         before, piece, slope_x, slope_y = np.inf, -1, 0.0, 0.0
-        for j in range(len(REACH)):
+        for j in range(ahead.distance.shape[1]):
             distance = REACH[j] * length[r]
             there = station[i] + distance
             there = (there % end[r] if closed[r] else min(there, span[r])) + begin

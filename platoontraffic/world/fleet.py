@@ -221,16 +221,17 @@ class RouteProgress:
         (x, y), rows = model.axle_position(motion), self.rows
         return changed(self, station=self.routes.project(x[rows], y[rows], self.station, window * self.length))
 
-    def ahead(self, model: FleetModel, motion: Motion, rows: np.ndarray) -> RouteAhead | None:
+    def ahead(self, model: FleetModel, motion: Motion, rows: np.ndarray, reach: float = np.inf) -> RouteAhead | None:
         """The routes ahead as seen from the driven axles of some of these members; None if nobody has a route.
 
-        rows: of those members in the fleet, (m,)
+        rows  : of those members in the fleet, (m,)
+        reach : distance up to which they are needed [m]
         """
         if self.routes is None:
             return None
         which = self.rows.searchsorted(rows)
         x, y = model.axle_position(motion)
-        return self.routes.ahead(self.station[which], x[rows], y[rows], motion.heading[rows], which)
+        return self.routes.ahead(self.station[which], x[rows], y[rows], motion.heading[rows], which, reach)
 
     def ended(self, model: FleetModel, motion: Motion) -> np.ndarray:
         """Rows of the fleet whose front bumper has reached the end of the route.
@@ -621,7 +622,9 @@ class Fleet(MemberState):
             "scan": without_surfaces(scan), "speed": own.speed[rows], "yaw_rate": own.yaw_rate[rows],
         }  # fmt: skip
         if "route" in needs:
-            given["route"] = self.progress.ahead(self.model, self.motion, rows)
+            # What is seen may be compared with the route, and be behind a predecessor as far away as the laser sees.
+            reach = np.inf if scan is None else max(2 * scan.model.range_max, group.law.looks_along(own.speed[rows]))
+            given["route"] = self.progress.ahead(self.model, self.motion, rows, reach)
         if "signals" in needs:
             given["signals"] = take(signals, rows)
         if "leads" in needs:
