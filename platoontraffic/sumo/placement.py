@@ -363,7 +363,7 @@ class Placement:
         movers, where, until = self._moved(fleet), self.where, self._in_order_until
         time = direct(self._sumo.simulation.getTime)()
         for lane in {lane: None for mover in movers if (lane := where[mover.id][1])}:
-            if until.get(lane, time) > time:
+            if until.get(lane, time) > time + 1e-6:
                 continue
             order = on_lane(lane)
             positions = list(map(position_of, order)) if len(order) > 1 else []

@@ -1,4 +1,4 @@
-"""On which lane SUMO takes a member to be: inside a junction, and where lanes overlap."""
+"""On which lane SUMO takes a member to be, inside a junction and where lanes overlap; and in which order on it."""
 
 from __future__ import annotations
 
@@ -210,3 +210,64 @@ def test_a_member_that_comes_to_an_edge_again_gets_its_route_again():
         placement.locate(fleet)
         placement.settle(fleet)
     assert told == [["A", "B", "C"], ["B", "C"], ["B", "C"]]
+
+
+@pytest.mark.parametrize(
+    ("ahead", "asked"),
+    [
+        (None, [0.0, 0.5, 1.0]),  # it is alone
+        (100.0, [0.0, 0.5, 1.0]),
+        (40.0, [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]),  # 10 m at 50 m/s
+        (33.0, [0.1 * k for k in range(11)]),
+    ],
+)
+def test_the_order_on_a_lane_is_looked_at_before_one_can_have_passed_another(ahead, asked):
+    placement, here = _on_a_lane({"robot.0": 30.0} | ({"other": ahead} if ahead else {}))
+    for k in range(11):
+        here.time = 0.1 * k
+        placement.put_in_order(here.fleet)
+    assert here.asked == pytest.approx(asked)
+
+
+def test_the_order_is_looked_at_when_a_member_comes_to_a_lane():
+    placement, here = _on_a_lane({"robot.0": 30.0, "other": 100.0})
+    for here.time, here.lane in ((0.0, "road_0"), (0.1, "road_0"), (0.2, "road_1"), (0.3, "road_0"), (0.4, "road_0")):
+        placement.locate(here.fleet)
+        placement.put_in_order(here.fleet)
+    assert here.asked == [0.0, 0.2, 0.3]
+
+
+def test_a_member_that_has_passed_another_one_enters_its_lane_again():
+    placement, here = _on_a_lane({"robot.0": 50.0, "other": 40.0})
+    for here.time in (0.0, 0.1, 0.2, 0.3):
+        placement.put_in_order(here.fleet)
+    assert here.moves == [("robot.0", "road_1", 0.0), ("robot.0", "road_0", 50.0)]
+    assert here.asked == pytest.approx([0.0, 0.1, 0.3])  # 10 m apart at the second look
+
+
+def _on_a_lane(positions: dict[str, float]) -> tuple[Placement, SimpleNamespace]:
+    """A member on a lane, in the order that SUMO has; what is asked and told is noted."""
+    (member,) = platoon(PathLeader(), model=CAR)
+    fleet = Fleet.deployed([member], 0.1)
+    here = SimpleNamespace(time=0.0, lane="road_0", order=list(positions), asked=[], moves=[], fleet=fleet)
+
+    def order(lane: str) -> list[str]:
+        here.asked.append(here.time)
+        return here.order
+
+    def move(*given) -> None:
+        here.moves.append(given)
+        here.order.sort(key=positions.__getitem__)
+
+    vehicle = SimpleNamespace(
+        getLanePosition=positions.__getitem__, moveTo=move, getLaneID=lambda _: here.lane,
+        getRoadID=lambda _: here.lane.rpartition("_")[0],
+    )  # fmt: skip
+    client = SimpleNamespace(
+        vehicle=vehicle, lane=SimpleNamespace(getLastStepVehicleIDs=order, getLength=lambda _: 200.0),
+        edge=SimpleNamespace(getLaneNumber=lambda _: 2), simulation=SimpleNamespace(getTime=lambda: here.time),
+    )  # fmt: skip
+    placement = Placement(client, network_of({"road": (3.2, 3.2)}), 0.1)
+    placement._shadows = SimpleNamespace(observe=lambda *_: None, lost=lambda _: None)
+    placement.where[member.id] = "road", "road_0"
+    return placement, here
