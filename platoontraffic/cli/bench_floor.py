@@ -20,7 +20,9 @@ from platoontraffic.sumo.frame import front_of, sumo_angle
 from platoontraffic.sumo.placement import ANY_LANE, EXACTLY
 from platoontraffic.world.prepared import Prepared, departures
 
-WARM_UP, COUNTED = 100, 100  # steps before those that are measured; steps of which the calls are counted
+# Steps before those that are measured, in which members come to most junctions that they meet often; and steps of which
+# the calls are counted.
+WARM_UP, COUNTED = 300, 100
 
 
 class Scene(NamedTuple):
@@ -34,7 +36,7 @@ class Scene(NamedTuple):
 
 
 LAB = Scene("lab, 5 robots", "paper_loop", 2000)
-HIGHWAY = Scene("highway, 5 tracking cars", "highway_tracking", 400, ("platoon.size=5", "run.duration_s=70"))
+HIGHWAY = Scene("highway, 5 tracking cars", "highway_tracking", 400, ("platoon.size=5", "run.duration_s=85"))
 
 
 class Above(NamedTuple):
