@@ -67,8 +67,8 @@ class Law:
         """
         return None
 
-    def looks_along(self, speed: np.ndarray) -> float:
-        """Distance from which it slows for bends and limits of its route at speeds (n,) [m]; inf: any.
+    def looks_along(self, speed: float) -> float:
+        """Distance from which it slows for bends and limits of its route at a speed [m]; inf: any.
 
         The route that it is given may end there, beyond what its laser sees.
         """

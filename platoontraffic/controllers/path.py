@@ -250,14 +250,20 @@ class PathLeader(Law):
         limits_of(acceleration, lines, obstacle, free, bearing, active, words, least, reason, toward)
         return least, creeps, BrakingFor(reason, toward, active)
 
-    def looks_along(self, speed: np.ndarray) -> float:
-        from platoontraffic.controllers.path_kernel import PLANNED, REACTION, SETTLING
-
+    def looks_along(self, speed: float) -> float:
         if self.profile or self.trace:  # its own accelerations may be any
             return math.inf
-        # What allows it to be faster by so much does not slow it: see `_slowed_to`.
-        faster = speed.max(initial=0.0) + SETTLING * (self.acceleration + self.braking) + LAGS * self.acceleration
-        return float(faster**2 / (2 * PLANNED * self.braking) + REACTION * faster)
+        # What allows it to be so much faster does not slow it: see `_slowed_to`.
+        slack, braking, reaction = self._slowing
+        return (speed + slack) ** 2 / (2 * braking) + reaction * (speed + slack)
+
+    @cached_property
+    def _slowing(self) -> tuple[float, float, float]:
+        """Of `looks_along`: speed [m/s], braking [m/s2], and time until it brakes [s]."""
+        from platoontraffic.controllers.path_kernel import PLANNED, REACTION, SETTLING
+
+        slack = SETTLING * (self.acceleration + self.braking) + LAGS * self.acceleration
+        return slack, PLANNED * self.braking, REACTION
 
     def acceleration_for_lines(self, sensed: Sensed, drive: np.ndarray) -> np.ndarray:
         """For a closed line ahead, (n,) [m/s2]; inf where there is none.

@@ -279,7 +279,7 @@ class TrackingFollower(Law):
         """From laser to rear at a steady speed [m]."""
         return self.stand_off + self.time_headway * speed
 
-    def looks_along(self, speed):
+    def looks_along(self, speed: float) -> float:
         return self.alone.looks_along(speed)
 
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:

@@ -7,6 +7,7 @@ count from a base station of its own.
 from __future__ import annotations
 
 import bisect
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,6 +27,7 @@ from platoontraffic.vehicles.motion import VehicleModel
 # Distances of the points ahead that a law is given [vehicle lengths]: dense at first, for steering; then as far as a
 # car at 40 m/s that brakes at 3.5 m/s2 needs to stop, dense enough that no bend falls between two points.
 REACH = np.concatenate([np.arange(0, 6, 0.25), np.arange(6, 50.1, 0.5)])
+POINTS = len(REACH)
 BEND = 0.5  # half the length over which curvature is measured [vehicle lengths]
 GRID = 8  # stored curvatures per vehicle length
 
@@ -150,21 +152,42 @@ class Routes:
         # Vehicles that differ in their speeds alone have the same line.
         of_row = [(route.line, size) for route, size in zip(routes, length.tolist(), strict=True)]
         kinds = dict(zip(of_row, routes, strict=True))
-        self._layout = known._layout if known and len(known._layout.places) < 2 * len(kinds) else _Layout()
+        self._routes = tuple(routes)
+        self._layout = known._layout if known and known._layout.has_room_for(len(kinds)) else _Layout()
         self._layout.add(kinds)
         places = np.array([self._layout.places[kind] for kind in of_row]).reshape(-1, 3, 2)
         self._points_of, self._grid_of, self._changes_of = np.ascontiguousarray(places.transpose(1, 0, 2))
-        self._length = length
+        self._length, self._shortest = length, float(length.min())
         self._span = np.array([line.stations[-1] for line, _ in of_row])
-        spans = np.array([line.stations[-1] for line, _ in kinds])
-        bases = dict(zip(kinds, np.concatenate([[0.0], np.cumsum(spans[:-1] + 1.0)]).tolist(), strict=True))
-        self._base = np.array([bases[kind] for kind in of_row])
+        self._base = _bases(self._points_of[:, 0], self._span)
         self._shifted = self._layout.shifted
         self._closed = np.array([route.closed for route in routes])
         self.walled = np.array([route.walled for route in routes])  # a wall closes the road at the end of the route
         self._end = np.array([route.length for route in routes])
         self._last = np.where(self._closed, np.inf, self._end)  # station at which it ends
         self._factor, self._top_speed = np.array([(route.speed_factor, route.top_speed) for route in routes]).T
+
+    def with_one(self, k: int, route: Route) -> Routes:
+        """The same with another route in row k; all rows again would take a hundred times as long."""
+        routes, kind = (*self._routes[:k], route, *self._routes[k + 1 :]), (route.line, float(self._length[k]))
+        if not self._layout.has_room_for(len(np.unique(self._base))):
+            return Routes(routes, self._length, self)
+        self._layout.add({kind: route})
+        new = copy.copy(self)
+        new._routes, new._shifted = routes, self._layout.shifted
+        ends = route.length, np.inf if route.closed else route.length
+        for name, value in zip(
+            ("_points_of", "_grid_of", "_changes_of", "_span", "_closed", "walled", "_end", "_last", "_factor",
+             "_top_speed"),
+            (*self._layout.places[kind], route.line.stations[-1], route.closed, route.walled, *ends,
+             route.speed_factor, route.top_speed),
+            strict=True,
+        ):  # fmt: skip
+            values = getattr(self, name).copy()
+            values[k] = value
+            setattr(new, name, values)
+        new._base = _bases(new._points_of[:, 0], new._span)
+        return new
 
     def project(self, x: np.ndarray, y: np.ndarray, near: np.ndarray, window: np.ndarray) -> np.ndarray:
         """Stations (n,) of the nearest points within `window` (n,) of stations `near`, as Polyline.project."""
@@ -187,8 +210,7 @@ class Routes:
         reach : distance up to which it is needed [m]; `REACH` at most
         """
         rows = np.arange(len(station)) if rows is None else rows
-        needed = REACH.searchsorted(reach / self._length[rows].min(initial=np.inf)) + 1
-        shape = len(station), min(int(needed), len(REACH))
+        shape = len(station), min(int(REACH.searchsorted(reach / self._shortest)) + 1, POINTS)
         ahead = RouteAhead(np.empty(shape), np.empty((*shape, 2)), *np.empty((2, *shape)), np.zeros(shape))
         routes = self._length, self._closed, self._end, self._span, self._base, self._factor, self._top_speed
         places, layout = (self._points_of, self._grid_of, self._changes_of), self._layout
@@ -217,6 +239,10 @@ class _Layout:
         self.grids = self.changes = np.empty(0), np.empty(0)
         self._used = 0, 0, 0  # rows of each
 
+    def has_room_for(self, lines: int) -> bool:
+        """Whether so many lines are half of all, or more: else it is time to forget the others."""
+        return len(self.places) < 2 * lines
+
     @property
     def shifted(self) -> bool:
         """Some route changes lanes."""
@@ -240,6 +266,19 @@ class _Layout:
             for arrays, used, of in zip((self.lines, self.grids, self.changes), self._used, parts, strict=True)
         )
         self._used = tuple(int(end[-1]) for end in ends)
+
+
+def _bases(first: np.ndarray, span: np.ndarray) -> np.ndarray:
+    """Base stations of rows [m], (n,): 1 m behind the end of the line before, by the order in which lines come first.
+
+    first : first point of each row's line, among those of all
+    span  : length of each row's line [m]
+    """
+    _, row, line = np.unique(first, return_index=True, return_inverse=True)
+    order = np.argsort(row)
+    bases = np.empty(len(row))
+    bases[order] = np.concatenate([[0.0], np.cumsum(span[row[order]][:-1] + 1.0)])
+    return bases[line]
 
 
 def _extended(array: np.ndarray, used: int, more: Sequence[np.ndarray]) -> np.ndarray:

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping
-from itertools import pairwise
+from operator import sub
 from types import MappingProxyType
 
 import numpy as np
@@ -75,7 +75,7 @@ class Placement:
         self._sumo, self._network, self._step = sumo, network, step
         self._shadows = Shadows(sumo, network, step)
         self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
-        self._in_order_until: dict[str, float] = {}  # SUMO's clock [s], by lane on which members are
+        self._in_order_until: defaultdict[str, float] = defaultdict(float)  # SUMO's clock [s], by lane
         self._located: list[str] = []  # lanes of the members ...
         self._located_of: tuple[str, ...] = ()  # ... with these ids, after the last step
         self._entries: list[Entry] = []  # since `entries` was last called
@@ -351,24 +351,25 @@ class Placement:
             vehicle.moveTo(name, near[0], 0.0)
         return False
 
-    def put_in_order(self, fleet: Fleet) -> None:
+    def put_in_order(self, fleet: Fleet, time: float) -> None:
         """Repair SUMO's order of vehicles on lanes where a member has passed another vehicle.
 
         SUMO looks for a vehicle's place in a lane's order only when it enters the lane, and takes the next in the order
         for its leader. So members leave the lane and enter it again, both before the next step: no driver sees them
         elsewhere. Where vehicles are far apart they are asked for more rarely: none passes another one so soon.
+
+        time: SUMO's clock [s]
         """
         vehicle, on_lane = self._sumo.vehicle, direct(self._sumo.lane.getLastStepVehicleIDs)
         position_of = direct(vehicle.getLanePosition)
         movers, where, until = self._moved(fleet), self.where, self._in_order_until
-        time = direct(self._sumo.simulation.getTime)()
         for lane in {lane: None for mover in movers if (lane := where[mover.id][1])}:
-            if until.get(lane, time) > time + 1e-6:
+            if until[lane] > time + 1e-6:
                 continue
             order = on_lane(lane)
             positions = list(map(position_of, order)) if len(order) > 1 else []
-            if positions == sorted(positions):
-                apart = min((ahead - behind for behind, ahead in pairwise(positions)), default=math.inf)
+            apart = min(map(sub, positions[1:], positions), default=math.inf)
+            if apart >= 0:
                 until[lane] = time + min(apart / PASSES_BY, IN_ORDER_FOR)
                 continue
             position = dict(zip(order, positions, strict=True))

@@ -226,7 +226,7 @@ class World:
             self._trips.end(gone, round(self._time() - self._step, 6), "arrived")
             fleet = fleet.without(gone)
         self._placement.locate(fleet)
-        self._placement.put_in_order(fleet)
+        self._placement.put_in_order(fleet, self._clock)
         self._obstacles.settle()
         self._placement.settle(fleet)
         fleet = self._placement.read(fleet)

@@ -211,6 +211,10 @@ class RouteProgress:
         routes = Routes([members[i].route for i in rows], length, known and known.routes) if len(rows) else None
         return cls(rows, routes, np.zeros(len(rows)) if station is None else station, length, front)
 
+    def with_route(self, row: int, route: Route) -> RouteProgress:
+        """The same with another route for the member of a row of the fleet, which had one."""
+        return changed(self, routes=self.routes.with_one(int(self.rows.searchsorted(row)), route))
+
     def located(self, model: FleetModel, motion: Motion, window: np.ndarray | float = WINDOW) -> RouteProgress:
         """The stations nearest to the driven axles.
 
@@ -472,8 +476,9 @@ class Fleet(MemberState):
 
         window : of the search about its last station, if the routes share stations until there [vehicle lengths]
         """
-        members = tuple(replace(m, route=route) if i == row else m for i, m in enumerate(self.members))
-        progress = RouteProgress.of(members, self.progress.station, self.progress)
+        member = replace(self.members[row], route=route)
+        members = (*self.members[:row], member, *self.members[row + 1 :])
+        progress = self.progress.with_route(row, route) if member.is_given_its_route else self.progress
         windows = np.where(progress.rows == row, window, WINDOW)
         return changed(self, members=members, progress=progress.located(self.model, self.motion, windows))
 
@@ -622,8 +627,9 @@ class Fleet(MemberState):
             "scan": without_surfaces(scan), "speed": own.speed[rows], "yaw_rate": own.yaw_rate[rows],
         }  # fmt: skip
         if "route" in needs:
-            # What is seen may be compared with the route, and be behind a predecessor as far away as the laser sees.
-            reach = np.inf if scan is None else max(2 * scan.model.range_max, group.law.looks_along(own.speed[rows]))
+            # What is seen is compared with it, and its predecessor may be as far away as its laser sees.
+            fastest = np.maximum.reduce(given["speed"])
+            reach = np.inf if scan is None else max(2 * scan.model.range_max, group.law.looks_along(fastest))
             given["route"] = self.progress.ahead(self.model, self.motion, rows, reach)
         if "signals" in needs:
             given["signals"] = take(signals, rows)

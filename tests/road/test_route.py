@@ -118,7 +118,41 @@ def test_routes_that_are_known_are_laid_out_once_and_those_that_have_gone_are_dr
             np.testing.assert_array_equal(values, expected)
 
 
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_one_route_in_place_of_another_is_as_if_all_were_given_anew(seed):
+    rng = np.random.default_rng(seed)
+    (routes, length), (others, _) = some_routes(rng, 6), some_routes(rng, 12)
+    found = Routes(routes, length)
+    for other in [*others, *routes]:  # some of them new, some of them another vehicle's
+        k = int(rng.integers(6))
+        routes[k], found = other, found.with_one(k, other)
+        assert len(found._layout.places) <= 12
+        anew = Routes(routes, length)
+        station, (x, y) = rng.uniform(0, 1, 6) * [r.length for r in routes], rng.normal(0, 40, (2, 6))
+        place = x, y, station, np.full(6, 20.0)
+        np.testing.assert_array_equal(found.project(*place), anew.project(*place))
+        np.testing.assert_array_equal(found.left(station), anew.left(station))
+        for values, expected in zip(found.ahead(station, x, y, x), anew.ahead(station, x, y, x), strict=True):
+            np.testing.assert_array_equal(values, expected)
+
+
 # ---- the road ahead
+
+
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+@example(3)
+def test_the_road_ahead_ends_where_it_is_not_needed_any_more(seed):
+    rng = np.random.default_rng(seed)
+    routes, length = some_routes(rng, 6)
+    pose = rng.uniform(0, 1, 6) * [r.length for r in routes], *rng.normal(0, 40, (2, 6)), rng.uniform(-3, 3, 6)
+    whole, reach = Routes(routes, length).ahead(*pose), rng.uniform(0, 60 * length.max())
+    part = Routes(routes, length).ahead(*pose, reach=reach)
+    for values, expected in zip(part, whole, strict=True):
+        np.testing.assert_array_equal(values, expected[:, : values.shape[1]])
+    assert (part.distance[:, -1] >= np.minimum(reach, whole.distance[:, -1])).all()
+    assert part.distance.shape[1] < 3 or part.distance[:, -2].min() < reach
 
 
 @given(seeds)

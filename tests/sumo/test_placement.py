@@ -225,7 +225,7 @@ def test_the_order_on_a_lane_is_looked_at_before_one_can_have_passed_another(ahe
     placement, here = _on_a_lane({"robot.0": 30.0} | ({"other": ahead} if ahead else {}))
     for k in range(11):
         here.time = 0.1 * k
-        placement.put_in_order(here.fleet)
+        placement.put_in_order(here.fleet, here.time)
     assert here.asked == pytest.approx(asked)
 
 
@@ -233,14 +233,14 @@ def test_the_order_is_looked_at_when_a_member_comes_to_a_lane():
     placement, here = _on_a_lane({"robot.0": 30.0, "other": 100.0})
     for here.time, here.lane in ((0.0, "road_0"), (0.1, "road_0"), (0.2, "road_1"), (0.3, "road_0"), (0.4, "road_0")):
         placement.locate(here.fleet)
-        placement.put_in_order(here.fleet)
+        placement.put_in_order(here.fleet, here.time)
     assert here.asked == [0.0, 0.2, 0.3]
 
 
 def test_a_member_that_has_passed_another_one_enters_its_lane_again():
     placement, here = _on_a_lane({"robot.0": 50.0, "other": 40.0})
     for here.time in (0.0, 0.1, 0.2, 0.3):
-        placement.put_in_order(here.fleet)
+        placement.put_in_order(here.fleet, here.time)
     assert here.moves == [("robot.0", "road_1", 0.0), ("robot.0", "road_0", 50.0)]
     assert here.asked == pytest.approx([0.0, 0.1, 0.3])  # 10 m apart at the second look
 
@@ -265,7 +265,7 @@ def _on_a_lane(positions: dict[str, float]) -> tuple[Placement, SimpleNamespace]
     )  # fmt: skip
     client = SimpleNamespace(
         vehicle=vehicle, lane=SimpleNamespace(getLastStepVehicleIDs=order, getLength=lambda _: 200.0),
-        edge=SimpleNamespace(getLaneNumber=lambda _: 2), simulation=SimpleNamespace(getTime=lambda: here.time),
+        edge=SimpleNamespace(getLaneNumber=lambda _: 2),
     )  # fmt: skip
     placement = Placement(client, network_of({"road": (3.2, 3.2)}), 0.1)
     placement._shadows = SimpleNamespace(observe=lambda *_: None, lost=lambda _: None)
