@@ -141,7 +141,8 @@ def test_a_share_of_the_traffic_is_measured_above_its_floor(tmp_path):
     bench.build(town, tmp_path)
     assert len(vehicles(tmp_path / "traffic.rou.xml")) == 30
     assert vehicles(tmp_path / "members.rou.xml") == {}
-    found = above(town.name, str(tmp_path / "town.toml"), ("run.duration_s=22",), 20)
+    seconds = f"run.duration_s={(WARM_UP + 20 + COUNTED) * bench.STEP}"
+    found = above(town.name, str(tmp_path / "town.toml"), (seconds,), 20)
     assert 8 < found.members < 22  # chosen by their ids
     assert 0 < found.floor_ms < found.loop_ms
 
