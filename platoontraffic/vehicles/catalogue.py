@@ -40,12 +40,19 @@ class FleetModel:
 
     @classmethod
     def of(cls, models: Sequence[VehicleModel]) -> FleetModel:
-        rows: dict[type, list[int]] = {}
-        for i, model in enumerate(models):
-            rows.setdefault(type(model), []).append(i)
-        kinds = tuple(Kind(np.array(of_kind), stack([models[i] for i in of_kind])) for of_kind in rows.values())
+        # A fleet is made anew whenever a member comes or goes, and most members share a few models.
+        distinct = list({id(model): model for model in models}.values())
+        place = {id(model): k for k, model in enumerate(distinct)}
+        which = np.array([place[id(model)] for model in models], dtype=np.intp)
+        kinds = []
+        for kind in dict.fromkeys(map(type, distinct)):
+            is_of_kind = np.array([type(model) is kind for model in distinct])
+            rows, among = np.flatnonzero(is_of_kind[which]), np.cumsum(is_of_kind) - 1
+            same = stack([model for model in distinct if type(model) is kind])
+            kinds.append(Kind(rows, take(same, among[which[rows]])))
         names = [field.name for field in fields(cls) if field.name != "kinds"]
-        return cls(*(np.array([getattr(m, name) for m in models], dtype=float) for name in names), kinds)
+        columns = (np.array([getattr(model, name) for model in distinct], dtype=float) for name in names)
+        return cls(*(column[which] for column in columns), tuple(kinds))
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """The middle of the driven axle, x and y [m]. Arrays (n,)."""

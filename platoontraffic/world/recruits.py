@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 from platoontraffic.errors import InputError
@@ -106,7 +107,7 @@ class Recruits:
 
         time: of its departure [s]
         """
-        model, why = _model(vehicle)
+        model, why = _model(vehicle.vehicle_class, vehicle.length, vehicle.width)
         route, fault = self._route(vehicle, model) if model else (None, "")
         if fault:
             why = NO_ROUTE
@@ -173,12 +174,11 @@ def _fits(equip: Equip, kind: str, vehicle_class: str, edge: str, time: float) -
     )
 
 
-def _model(vehicle: Newcomer) -> tuple[Car | None, str]:
-    """How the vehicle drives, with its own size; or None, and why not."""
-    like = CARS[VEHICLE_OF[vehicle.vehicle_class]]
-    size = vehicle.length / like.length
+@cache
+def _model(vehicle_class: str, length: float, width: float) -> tuple[Car | None, str]:
+    """How a vehicle of a size [m] drives, one for all that are alike; or None, and why not."""
+    like = CARS[VEHICLE_OF[vehicle_class]]
+    size = length / like.length
     if not SMALLEST <= size <= LARGEST:
         return None, OTHER_SIZE
-    return replace(
-        like, length=vehicle.length, width=vehicle.width, axle=size * like.axle, wheelbase=size * like.wheelbase
-    ), ""
+    return replace(like, length=length, width=width, axle=size * like.axle, wheelbase=size * like.wheelbase), ""

@@ -70,6 +70,18 @@ def test_axles_of_a_fleet_are_those_of_its_members():
         assert (model.length[i], model.width[i]) == (alone.length, alone.width)
 
 
+def test_members_that_share_a_model_are_as_those_with_one_of_their_own():
+    order = [1, 0, 3, 1, 2, 0, 1]
+    shared, own = (FleetModel.of([one(MODELS[i]) for i in order]) for one in (lambda model: model, replace))
+    for field in fields(FleetModel)[:-1]:
+        np.testing.assert_array_equal(getattr(shared, field.name), getattr(own, field.name))
+    assert [kind.rows.tolist() for kind in shared.kinds] == [[0, 2, 3, 6], [1, 4, 5]]
+    for kind, other in zip(shared.kinds, own.kinds, strict=True):
+        assert kind.rows.tolist() == other.rows.tolist()
+        for field in fields(kind.model):
+            np.testing.assert_array_equal(getattr(kind.model, field.name), getattr(other.model, field.name))
+
+
 RING = """
 [sumo]
 net = "ring"
