@@ -25,6 +25,7 @@ from platoontraffic.vehicles.motion import Drive, Positive, VehicleModel
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 FILTER = 0.3  # time constant of the filter of the closing speed [s]
+STRONGEST = 5.0  # acceleration that a follower may want, which drives by the same bends [m/s2]
 LAGS = 2.0  # time for which an engine at most accelerates on after its command [s]
 SAME = 0.25  # greatest difference of the free distance from its prediction, for one obstacle [vehicle lengths]
 SMOOTH = ("sinusoid", "chirp")  # profiles that are fed forward through the vehicle's lag
@@ -262,7 +263,7 @@ class PathLeader(Law):
         """Of `looks_along`: speed [m/s], braking [m/s2], and time until it brakes [s]."""
         from platoontraffic.controllers.path_kernel import PLANNED, REACTION, SETTLING
 
-        slack = SETTLING * (self.acceleration + self.braking) + LAGS * self.acceleration
+        slack = SETTLING * (max(self.acceleration, STRONGEST) + self.braking) + LAGS * self.acceleration
         return slack, PLANNED * self.braking, REACTION
 
     def acceleration_for_lines(self, sensed: Sensed, drive: np.ndarray) -> np.ndarray:

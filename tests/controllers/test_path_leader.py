@@ -11,10 +11,10 @@ import shapely
 
 from platoontraffic.controllers import path_kernel
 from platoontraffic.controllers.law import Body, RouteAhead
-from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.path import STRONGEST, PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount, Scene
-from platoontraffic.road.route import Route
+from platoontraffic.road.route import REACH, Route
 from platoontraffic.vehicles.bicycle import CARS
 from tests.support.bench import BLIND, DT, NO_WALLS, ROBOT, StopLine, amplitude, drive, platoon
 
@@ -108,6 +108,36 @@ def test_where_a_turn_begins_the_steering_rate_limits_the_acceleration_for_bends
         bends = law.along_route(sensed, none, none, np.array([np.inf]), none, 0.1).bends[0]
         steered = path_kernel.STEERED * CAR.curvature_rate / 0.1
         assert bends == pytest.approx((steered - speed) / path_kernel.SETTLING)
+
+
+@pytest.mark.parametrize("law", [PathLeader(), PathLeader(braking=1.5), PathLeader(acceleration=1.0, braking=5.0)])
+@pytest.mark.parametrize("speed", [0.0, 4.0, 14.0, 28.0])
+def test_what_is_farther_away_than_it_looks_along_its_route_does_not_slow_it(law, speed):
+    """Neither its own acceleration, nor the strongest that a follower wants."""
+    rng = np.random.default_rng(int(speed))
+    body = Body(*(np.array([getattr(CAR, name)]) for name in Body._fields))
+    scan = SimpleNamespace(model=EYE, ranges=np.full((1, 3), np.inf, np.float32))
+    scan.ranges.setflags(write=False)
+    none, slowed = np.zeros(1), []
+    distance = REACH[None] * CAR.length
+    points = np.stack([distance, np.zeros_like(distance)], axis=-1)
+    nearest = distance[0].searchsorted(law.looks_along(speed)) + 1
+    for begins in np.arange(0, distance.size, 3):  # of a slow bend, behind which anything may follow
+        limit, curvature = np.full_like(distance, 40.0), np.zeros_like(distance)
+        limit[0, begins:] = rng.uniform(0, 20, distance.size - begins)
+        curvature[0, begins:] = rng.uniform(0, 0.1, distance.size - begins)
+        whole = RouteAhead(distance, points, limit, curvature, np.zeros_like(distance))
+        part = RouteAhead(*(np.ascontiguousarray(values[:, :nearest]) for values in whole))
+        now = {"body": body, "scan": scan, "speed": np.array([speed])}
+        one, other = (
+            law.along_route(SimpleNamespace(route=route, **now), none, none, np.array([np.inf]), none, 0.1)
+            for route in (whole, part)
+        )
+        assert min(one.bends[0], STRONGEST) == min(other.bends[0], STRONGEST)
+        assert one.acceleration[0] == other.acceleration[0]
+        slowed.append(one.bends[0] < STRONGEST)
+    assert slowed[0] or speed == 0.0
+    assert nearest > distance.size or not slowed[-1]
 
 
 def test_it_drives_at_the_speed_limit_and_brakes_before_a_lower_one():
