@@ -70,8 +70,8 @@ class LaneChoice:
         self._chosen: list[_Chosen] = []
         self._may_stay: dict[str, str] = {}  # the lane that members on their way to another one need not leave
 
-    def begin_look(self) -> None:
-        """Before the members of a step are asked about."""
+    def forget(self) -> None:
+        """What was chosen at the last look is done, or counts no more."""
         self._chosen.clear()
 
     def is_due(self, time: float) -> bool:

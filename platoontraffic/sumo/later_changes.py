@@ -70,8 +70,8 @@ class LaterChanges:
         self._sooner = Once(lambda key: with_sooner_change(*key[:3], network, key[3]))  # by route, change, by, model
         self._beyond = Once(lambda key: with_change_beyond(*key[:2], network, key[2]))  # by route, change, model
 
-    def begin_look(self) -> None:
-        """Before the members of a step are asked about."""
+    def forget(self) -> None:
+        """What was noted at the last look is done, or counts no more."""
         self._blocked.clear()
         self._in_queue.clear()
 

@@ -182,16 +182,16 @@ class StopLines:
 
     def _between_looks(self) -> None:
         """What was found at the last look has been done since; vehicles that are to stop have come nearer."""
-        self._later.begin_look()
-        self._choice.begin_look()
+        self._later.forget()
+        self._choice.forget()
         self._way.follow_stops(self._step)
 
     def _begin_look(self) -> None:
         self._way.begin_look()
         self._were_over_line = frozenset(self.over_line)
         self.over_line.clear()
-        self._later.begin_look()
-        self._choice.begin_look()
+        self._later.forget()
+        self._choice.forget()
         self._change.begin_look()
 
     def _welcome(self, fleet: Fleet) -> None:

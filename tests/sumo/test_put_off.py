@@ -87,7 +87,7 @@ def test_in_a_queue_one_with_room_changes_lanes_where_it_is_and_leaves_the_trail
     first = [next(one.station for one in m.route.lines if one.state == CHANGING) for m in after.members]
     assert first == pytest.approx([change.station] * 2 + [change.station - 7.0, change.station], abs=0.4)
     assert left == [[1, 2]]  # of the followers: also that behind it, which would follow it over, beside a car there
-    later.begin_look()
+    later.forget()
     assert later.put_off(fleet) is fleet
 
 
@@ -240,14 +240,14 @@ def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and
         (25.0, 40.0, 24.0, True),
         (0.0, inf, -1.0, False),
     ]:
-        later.begin_look()
+        later.forget()
         later._room = room_beside(slowest, free)
         stop = later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), route)
         assert stop == pytest.approx(distance + ends if drives_on else distance)
-        later.begin_look()
+        later.forget()
         later._room = room_beside(slowest, free, is_fast=False)
         assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), route) == distance
-        later.begin_look()
+        later.forget()
         later._room = room_beside(slowest, free)
         assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), loop) == distance
 
@@ -334,7 +334,7 @@ def test_beside_traffic_as_fast_as_itself_it_falls_back(fleet_and_later, speed, 
     change, v, braking = change._replace(to_end=1e4), speed, []
     route = changed(fleet.members[0].route, lines=(change,))
     for _ in range(200):
-        later.begin_look()
+        later.forget()
         far = later.note(change, 500.0, Ego("m.0", change.lane, v, 4.74, braking=comfortable), route)
         signals = Signals(*(np.array([value]) for value in (far, False, False, False, 0)))
         sensed = Sensed(None, np.array([v]), np.zeros(1), Body(*(np.array([x]) for x in BODY)), signals=signals)

@@ -2108,3 +2108,12 @@ def test_in_a_large_junction_it_waits_before_the_first_path_that_it_touches(wait
     met = way._met("line", foes, 0.0, False, 5.0)
     assert [foe.id for foe in met] == before
     assert {foe.id for foe in way._met("line", foes, 0.0, True, 5.0)} == set(places)
+
+
+def test_vehicles_that_are_to_stop_have_less_room_after_a_step_and_those_that_have_left_need_none():
+    speeds = {"comes": 8.0, "stands": 0.0}
+    client = SimpleNamespace(vehicle=SimpleNamespace(getSpeed=speeds.__getitem__), TraCIException=KeyError)
+    way = RightOfWay(client, Reads(client), {})
+    way.stops.update(comes=20.0, stands=3.0, gone=5.0)
+    way.follow_stops(0.1)
+    assert way.stops == {"comes": pytest.approx(19.2), "stands": 3.0}
