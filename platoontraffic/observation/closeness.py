@@ -18,6 +18,7 @@ from platoontraffic.world.events import (
 from platoontraffic.world.traffic import TrafficSnapshot
 
 CLOSE = 1e-3  # distance from which on two bodies do not touch, whatever is rounded [m]
+NOTHING = np.empty(0, dtype=np.intp)  # no rows
 PAIRS = 4  # pairs a member that can begin to be near in one step
 
 
@@ -29,7 +30,7 @@ class Closeness:
         n, self._near_gap = len(scale), NEAR_MISS_GAP * scale  # [m]
         self.clearance, self.contact_in = np.full((2, n), np.nan)
         self._closest: tuple[np.ndarray, tuple[str, ...]] = np.empty(0, dtype=np.intp), ()  # rows in the last step, ids
-        self.any_close = True  # a body may touch a member
+        self.may_touch = NOTHING  # rows of members that a body may touch, and of those bodies
         self._pairs = np.empty((0, 2), dtype=np.intp)  # rows of those that are near
         self._near: set[tuple[str, str]] = set()  # one step before
 
@@ -39,8 +40,11 @@ class Closeness:
         rows, pairs = np.empty(number.size, dtype=np.intp), np.empty((PAIRS * number.size, 2), dtype=np.intp)
         limits = CLOSE, CLEARANCE_REACH, CONTACT_HORIZON, self._near_gap, NEAR_MISS_SPEED
         found = self.clearance, rows, self.contact_in, pairs
-        count, self.any_close = closeness_kernel.look(bodies, number, *limits, *found)
+        count, any_close = closeness_kernel.look(bodies, number, *limits, *found)
         self._pairs, self._closest = pairs[:count], (rows, step.traffic.ids)
+        self.may_touch = NOTHING
+        if any_close:
+            self.may_touch = _about(step.traffic, (self.clearance[number] < CLOSE).nonzero()[0])
 
     def closest(self) -> np.ndarray:
         """Ids of the bodies closest to the members on the road in the last step, "" where there is none, (n,)."""
@@ -78,6 +82,13 @@ def look_around(traffic: TrafficSnapshot, n: int, near: np.ndarray) -> tuple[np.
 def _bodies(traffic: TrafficSnapshot) -> tuple[np.ndarray, ...]:
     """The fields of `closeness_kernel.Bodies`, but whole lengths and widths."""
     return traffic.x, traffic.y, *traffic.facing, traffic.length, traffic.width, traffic.speed
+
+
+def _about(traffic: TrafficSnapshot, rows: np.ndarray) -> np.ndarray:
+    """Rows of these bodies, and of all that may be nearer to one of them than `CLOSE`, in order."""
+    radius = np.hypot(traffic.length, traffic.width) / 2 + CLOSE
+    x, y = (values[rows, None] - values for values in (traffic.x, traffic.y))
+    return (np.hypot(x, y) <= radius[rows, None] + radius).any(axis=0).nonzero()[0]
 
 
 def _velocity(traffic: TrafficSnapshot, row: int) -> np.ndarray:

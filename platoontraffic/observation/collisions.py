@@ -54,15 +54,18 @@ class Collisions:
         self._entries = LaneEntries(network.drivable)
         self.touching: set[tuple[str, str]] = set()
 
-    def observe(self, step: Step, any_close: bool = True) -> Iterator[Event]:
+    def observe(self, step: Step, may_touch: np.ndarray) -> Iterator[Event]:
         """collision
 
-        any_close: a body may touch a member; if none does, only walls are asked for
+        may_touch: rows of the bodies of which two may touch; none other does, but walls
         """
-        traffic = step.traffic
+        traffic, n = step.traffic, step.fleet.number.size
         self._entries.observe(traffic)
-        asked = any_close or self._contacts.may_touch_walls(traffic, step.fleet.number.size)
-        before, self.touching = self.touching, self._contacts.of(traffic) if asked else set()
+        if self._contacts.may_touch_walls(traffic, n):
+            may_touch = np.union1d(may_touch, np.arange(n))
+        before, self.touching = self.touching, set()
+        if len(may_touch):
+            self.touching = self._contacts.of(traffic.only(may_touch))
         if traffic.other_levels and self.touching:
             row = {name: k for k, name in enumerate(traffic.ids)}
             self.touching = {

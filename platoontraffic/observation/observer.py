@@ -145,7 +145,7 @@ class Observer:
         events += self._standstills.observe(step)
         events += self._braking.observe(step)
         self._closeness.look(step)
-        events += self._collisions.observe(step, self._closeness.any_close)
+        events += self._collisions.observe(step, self._closeness.may_touch)
         behind = np.where(self._gaps.beside[fleet.number], np.nan, gap)
         events += self._near_misses.observe(step, behind, self._collisions.touching)
         events += self._closeness.observe(step, self._collisions.touching)

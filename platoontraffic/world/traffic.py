@@ -49,6 +49,11 @@ class TrafficSnapshot:
         both = [np.concatenate(pair) for pair in zip(_arrays(self), _arrays(others), strict=True)]
         return TrafficSnapshot(self.time, self.ids + others.ids, *both, self.other_levels)
 
+    def only(self, rows: np.ndarray) -> TrafficSnapshot:
+        """This snapshot with some of its rows, in order, on one level."""
+        some = [values[rows] for values in _arrays(self)]
+        return TrafficSnapshot(self.time, tuple([self.ids[k] for k in rows.tolist()]), *some)
+
     def on_levels(self, apart: Mapping[int, Set[str]]) -> TrafficSnapshot:
         """This snapshot with other levels. apart: by row of a member, ids of the bodies on another level"""
         row, members = {name: k for k, name in enumerate(self.ids)}, defaultdict(list)

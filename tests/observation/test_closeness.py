@@ -10,7 +10,7 @@ import shapely
 from shapely import affinity
 
 from platoontraffic.lidar import Boxes, Scene
-from platoontraffic.observation.closeness import CLOSE, look_around
+from platoontraffic.observation.closeness import CLOSE, _about, look_around
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import CLEARANCE_REACH, CONTACT_HORIZON
@@ -67,9 +67,9 @@ def test_contacts_are_the_same_where_they_are_only_looked_for_if_a_body_is_close
         x, y, cos, sin = traffic.x, traffic.y, np.cos(traffic.heading[0]), np.sin(traffic.heading[0])
         beside = (traffic.width[0] + traffic.width[2]) / 2 + rng.choice([4.5e-3, 1e-12])
         x[2], y[2], traffic.heading[2] = x[0] - beside * sin, y[0] + beside * cos, traffic.heading[0]
-        found, close = always.of(traffic), (look_around(traffic, 2, np.full(2, 0.5))[0] < CLOSE).any()
-        assert found == (rarely.of(traffic) if close else set())
-        asked, contacts = asked + close, contacts + bool(found)
+        found, close = always.of(traffic), (look_around(traffic, 2, np.full(2, 0.5))[0] < CLOSE).nonzero()[0]
+        assert found == (rarely.of(traffic.only(_about(traffic, close))) if len(close) else set())
+        asked, contacts = asked + bool(len(close)), contacts + bool(found)
     assert 100 < asked < 400
     assert contacts > 100
 
