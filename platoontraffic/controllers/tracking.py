@@ -430,8 +430,8 @@ class TrackingFollower(Law):
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
-        ahead = estimate.aligned_now
-        return trail.ahead(now.odometry, ahead, (fit.window, fit.bend_window, fit.plan_window), fit.preview)
+        windows = fit.window, fit.bend_window, fit.plan_window
+        return trail.ahead(now.odometry, estimate.aligned_now, estimate.on_route, windows, fit.preview)
 
     # ---- 2. to 4. steer, follow, avoid
 

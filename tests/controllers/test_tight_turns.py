@@ -107,6 +107,8 @@ def test_the_curvature_of_a_circular_trail_is_that_of_the_circle(radius):
     points[0, :, 0], points[0, :, 1] = radius * np.sin(angle), radius * (1 - np.cos(angle))
     points[0, :, 2] = radius * angle
     trail, window = Trail(points, np.array([len(angle)])), np.array([2.4])
-    ahead = trail.ahead(odometry(np.zeros(1)), Track.none(1), (window / 2, window, window), np.zeros(1))
+    ahead = trail.ahead(
+        odometry(np.zeros(1)), Track.none(1), np.zeros(1, bool), (window / 2, window, window), np.zeros(1)
+    )
     assert ahead.curvature[0] == pytest.approx(1 / radius, rel=2 * (2.4 / radius) ** 4 + 1e-3)
     assert ahead.offset[0] == pytest.approx(0.0, abs=1e-3)

@@ -17,7 +17,10 @@ BENDS = 14  # number of places ahead at which the curvature is given; close toge
 
 
 class Ahead(NamedTuple):
-    """A trail as seen from the own driven axle, arrays (n,); along it, arrays (n, BENDS)."""
+    """A trail as seen from the own driven axle, arrays (n,); along it, arrays (n, BENDS).
+
+    Of one that lies along a route only the length is known, all else is NaN: the route itself is steered by.
+    """
 
     offset: np.ndarray  # of the axle from the trail, to the left [m]
     off_heading: np.ndarray  # own heading less that of the trail [rad]
@@ -75,16 +78,19 @@ class Trail(NamedTuple):
         # The copy has room for one more point, or, where an arc or a route may be laid, for as many as there can be. In
         # whole blocks, so that trails of followers that departed at different times fit into one array.
         capacity = POINTS if route is not None or some(gap) else min((size.max() // BLOCK + 1) * BLOCK, POINTS)
-        trail = Trail(np.zeros((len(size), capacity, 3)), size)
+        trail = Trail(np.empty((len(size), capacity, 3)), size)
         copy_points(self, oldest, trail.points)
         if route is not None:
             relay(trail, odometry, route)
         extend(trail, odometry, track.mean[:, :2], track.seen, gap)
         return trail
 
-    def ahead(self, odometry: Odometry, track: Track, windows: tuple, preview: np.ndarray) -> Ahead:
+    def ahead(
+        self, odometry: Odometry, track: Track, on_route: np.ndarray, windows: tuple, preview: np.ndarray
+    ) -> Ahead:
         """What to steer by, and the distance along the trail to the predecessor.
 
+        on_route: it lies along a route, bool (n,)
         windows : parabolas are fitted to the trail over these distances each way, for offset and direction, for
                   the curvature that is steered, and for those that the speed is planned for [m], (n,) each
         preview : distance ahead at which the curvature is wanted [m], (n,)
@@ -93,7 +99,7 @@ class Trail(NamedTuple):
 
         n = len(self.size)
         ahead = Ahead(*np.empty((4, n)), *np.empty((2, n, BENDS)))
-        look_ahead(self, odometry, track.mean[:, :2], windows, preview, ahead)
+        look_ahead(self, odometry, track.mean[:, :2], on_route, windows, preview, ahead)
         return ahead
 
     def seen_from_axle(self, odometry: Odometry, most: int) -> np.ndarray:

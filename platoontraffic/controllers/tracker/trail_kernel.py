@@ -125,6 +125,9 @@ def relay(trail, odometry, route):
                 n += 1
             if n > 1 and distance[k] > route.length[i]:
                 break
+        if n == 1:  # at the end of the route all its points are one
+            points[1, 0], points[1, 1], points[1, 2] = points[0, 0] + cos, points[0, 1] + sin, 1.0
+            n = 2
         trail.size[i] = n
 
 
@@ -203,11 +206,12 @@ def _station(points, piece, share):
 
 
 @compiled
-def look_ahead(trail, odometry, axle, windows, preview, ahead):
+def look_ahead(trail, odometry, axle, on_route, windows, preview, ahead):
     """Fill in `trail.Ahead`.
 
-    axle    : of the predecessors [m], (n, 2); NaN without one
-    windows : of the fits of place and direction, of the curvature that is steered, and of the others [m], (n,) each
+    axle     : of the predecessors [m], (n, 2); NaN without one
+    on_route : bool (n,)
+    windows  : of the fits of place and direction, of the curvature that is steered, and of the others [m], (n,) each
     """
     fit = np.empty((3, 2))
     places = ahead.bend.shape[1]
@@ -220,6 +224,10 @@ def look_ahead(trail, odometry, axle, windows, preview, ahead):
         ahead.length[i] = end
         if not math.isnan(axle[i, 0]):
             ahead.length[i] += _past_end(points, size, axle[i, 0], axle[i, 1])
+        if on_route[i]:
+            ahead.offset[i] = ahead.off_heading[i] = ahead.curvature[i] = math.nan
+            ahead.distance[i], ahead.bend[i] = math.nan, math.nan
+            continue
 
         _fit(points, size, here, window[i], 0, fit)
         along = math.atan2(fit[1, 1], fit[1, 0])
