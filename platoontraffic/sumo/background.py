@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import insort
 from collections.abc import Sequence, Set
 from itertools import chain, compress
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,13 @@ NO_VALUES = (np.empty(0),) * 6  # of no vehicles
 PERSON_SIZE = 1.0  # bound of half a pedestrian's length or width [m]
 
 compiled = compiler(__file__)
+
+
+class Driven(NamedTuple):
+    """How n vehicles drive."""
+
+    front: np.ndarray  # of the bumpers [m], (n, 2)
+    speed: np.ndarray  # [m/s], (n,)
 
 
 class Background:
@@ -66,15 +74,16 @@ class Background:
         held : vehicles in SUMO that are obstacles
         time : of the snapshot [s]
         """
-        vehicles = self._on_their_level(fleet, self.read(self._names(fleet, reach, held), time))
+        names, driven = self._names(fleet, reach, held)
+        vehicles = self._on_their_level(fleet, self.read(names, time, driven))
         return (
             vehicles.with_others(self._people(fleet, reach, time))
             if direct(self._sumo.person.getIDCount)()
             else vehicles
         )
 
-    def read(self, names: Sequence[str], time: float) -> TrafficSnapshot:
-        """Vehicles of SUMO's by name."""
+    def read(self, names: Sequence[str], time: float, driven: Driven | None = None) -> TrafficSnapshot:
+        """Vehicles of SUMO's by name. driven: as they have been read at this instant; None: they have not"""
         n, vehicle = len(names), self._sumo.vehicle
         if not n:
             return TrafficSnapshot(time, (), *NO_VALUES)
@@ -83,10 +92,10 @@ class Background:
             sizes = np.fromiter(chain.from_iterable(map(self._sizes.__getitem__, names)), float, 2 * n).reshape(-1, 2)
             self._sized = names, np.ascontiguousarray(sizes.T)
         length, width = self._sized[1]
-        front = self._fronts(names)
+        front, speed = driven or (self._fronts(names), self._speeds(names))
         heading = heading_of(np.fromiter(map(direct(vehicle.getAngle), names), float, n))
         x, y = centre_of(*front.T, heading, length)
-        return TrafficSnapshot(time, tuple(names), x, y, heading, self._speeds(names), length, width)
+        return TrafficSnapshot(time, tuple(names), x, y, heading, speed, length, width)
 
     def _on_their_level(self, fleet: Fleet, vehicles: TrafficSnapshot) -> TrafficSnapshot:
         """Without vehicles near a place where their road crosses that of a member near it on another level."""
@@ -148,23 +157,25 @@ class Background:
             if self._near is not None:
                 self._near = _changed(self._near, gone, [name for name in come if name not in self._skipped])
 
-    def _names(self, fleet: Fleet, reach: float, held: Set[str]) -> list[str]:
+    def _names(self, fleet: Fleet, reach: float, held: Set[str]) -> tuple[list[str], Driven | None]:
+        """The vehicles that may be in range, and how they drive, if that has just been read."""
         if reach == np.inf:
             own = {m.id for m in fleet.members} | held
-            return [name for name in self._sumo.vehicle.getIDList() if name not in own]
-        time = self._time
+            return [name for name in self._sumo.vehicle.getIDList() if name not in own], None
+        time, driven = self._time, None
         if time >= self._skipped_until or fleet.members is not self._skipped_for or not held <= self._skipped:
-            self._check_distances(fleet, held, reach, time)
+            driven = self._check_distances(fleet, held, reach, time)
         if self._near is None:
             self._near = self._others(self._skipped)
-        return self._near
+        return self._near, driven
 
     def _others(self, names: Set[str]) -> list[str]:
         if self._on_road is None:
             self._on_road = list(self._sumo.vehicle.getIDList())
         return [name for name in self._on_road if name not in names]
 
-    def _check_distances(self, fleet: Fleet, held: Set[str], reach: float, time: float) -> None:
+    def _check_distances(self, fleet: Fleet, held: Set[str], reach: float, time: float) -> Driven:
+        """Find the vehicles that are skipped from now on; the near ones."""
         own, members = fleet.motion, {m.id for m in fleet.members}
         if not held <= self._skipped or not members.issuperset(m.id for m in self._skipped_for):
             self._on_road = None  # members that have left are removed, and vehicles where an obstacle appears
@@ -176,7 +187,9 @@ class Background:
         closes = RECHECK_AFTER * (STRETCHED * speed + fastest + GAINS * RECHECK_AFTER) + JUMPS
         far = _farther(fronts, own.x, own.y, reach + 2 * length + closes)
         self._skipped = skipped | set(compress(names, far))
-        self._skipped_for, self._skipped_until, self._near = fleet.members, time + RECHECK_AFTER, None
+        self._skipped_for, self._skipped_until = fleet.members, time + RECHECK_AFTER
+        self._near = list(compress(names, ~far))
+        return Driven(fronts[~far], speed[~far])
 
     def _people(self, fleet: Fleet, reach: float, time: float) -> TrafficSnapshot:
         """Pedestrians; persons inside vehicles are not among them."""
