@@ -163,7 +163,7 @@ def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, k
     range_min, range_max, reach, merging = limits
     box_x, box_y, shapes, radius, owners_of_boxes = solid
     rays, beams = directions.shape[0], directions.shape[2]
-    inverse, met = np.empty((rays, beams)), np.empty((rays, beams), np.int64)
+    inverse, met = np.zeros((rays, beams)), np.full((rays, beams), NOBODY, np.int64)
     exact, errant = np.empty(beams), np.empty(beams)
     squared, spare = np.empty(beams), np.empty(beams)
     room = _room(256)
@@ -171,9 +171,8 @@ def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, k
     boxes = place, first, middles, order, shapes, owners_of_boxes
     for i in range(len(x)):
         pose = x[i], y[i], math.cos(yaw[i]), math.sin(yaw[i])
+        low, high = np.uint64(beams), np.uint64(0)  # all beams that meet a face are from the one to before the other
         for ray in range(rays):
-            inverse[ray, :] = 0.0
-            met[ray, :] = NOBODY
             fan = _fan(angles[ray], directions[ray], reach)
             wall_cells, box_cells = _cells(pose, fan, walls[0]), _cells(pose, fan, boxes[0])
             most = _count(wall_cells, walls[0], walls[1]) + 2 * _count(box_cells, boxes[0], boxes[1])
@@ -184,23 +183,33 @@ def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, k
             n, enclosed = _gather_boxes(pose, owner[i], fan, boxes, box_cells, n, faces, owners)
             around[i] = min(around[i], touched, enclosed)
             _place(fan, n, faces)
-            _draw(directions[ray], TURN * fan[1], n, faces, owners, inverse[ray], met[ray])
+            drawn = _draw(directions[ray], TURN * fan[1], n, faces, owners, inverse[ray], met[ray])
+            low, high = min(low, drawn[0]), max(high, drawn[1])
         if around[i] != NOBODY:
             ranges[i, begin : begin + beams] = -np.inf
             hits[i, begin : begin + beams] = around[i]
+        else:
+            around[i] = NO_HIT
+            ranges[i, begin : begin + beams] = np.inf
+            hits[i, begin : begin + beams] = NO_HIT
+        if low >= high:
             continue
-        around[i] = NO_HIT
-        if rays > 1:
-            _merge(inverse, met, merging, range_max * (1 + ROUNDING), exact, spare, errant)
-        _limit(inverse[0], range_min, range_max, exact)
-        for beam in range(np.uint64(beams)):
-            hits[i, begin + beam] = NO_HIT if exact[beam] == np.inf else met[0, beam]
-        if errors[0]:
-            key = _mixed(keys[i] + scan)
-            _perturb(errors, range_min, range_max, begin, exact, met[0], key, bias[i], squared, spare, errant)
-        measured = errant if errors[0] else exact
-        for beam in range(np.uint64(beams)):
-            ranges[i, begin + beam] = measured[beam]
+        there = slice(low, high)
+        if around[i] == NO_HIT:
+            if rays > 1:
+                _merge(inverse, met, merging, range_max * (1 + ROUNDING), exact, spare, errant)
+            _limit(inverse[0, there], range_min, range_max, exact[there])
+            for beam in range(low, high):
+                hits[i, begin + beam] = NO_HIT if exact[beam] == np.inf else met[0, beam]
+            if errors[0]:
+                key, memory = _mixed(keys[i] + scan), (squared[there], spare[there], errant[there])
+                _perturb(errors, limits, begin + low, exact[there], met[0, there], key, bias[i], *memory)
+            measured = errant if errors[0] else exact
+            for beam in range(low, high):
+                ranges[i, begin + beam] = measured[beam]
+        for ray in range(rays):
+            inverse[ray, there] = 0.0
+            met[ray, there] = NOBODY
 
 
 @compiled
@@ -432,19 +441,26 @@ def _place(fan, n, faces):
 
 @compiled
 def _draw(directions, turn, n, faces, owners, inverse, met):
-    """Draw n faces, each counter-clockwise as seen from the sensor; `turn` is a full turn in beams."""
+    """Draw n faces, each counter-clockwise as seen from the sensor; `turn` is a full turn in beams.
+
+    returns: the first beam of all faces, and the last + 1
+    """
     last_beam = np.float64(directions.shape[1] - 1)
+    low, high = np.uint64(directions.shape[1]), np.uint64(0)
     for k in range(n):
         begin, end = faces[6, k] + 0.5, faces[7, k] + 0.5
         if begin < last_beam + 1.0:
-            _draw_span(begin, end, last_beam, directions, k, faces, owners[k], inverse, met)
+            first, stop = _draw_span(begin, end, last_beam, directions, k, faces, owners[k], inverse, met)
+            low, high = min(low, first), max(high, stop)
         if end >= turn:  # it crosses the direction of the first beam, so it meets the fan once more
-            _draw_span(begin - turn, end - turn, last_beam, directions, k, faces, owners[k], inverse, met)
+            first, stop = _draw_span(begin - turn, end - turn, last_beam, directions, k, faces, owners[k], inverse, met)
+            low, high = min(low, first), max(high, stop)
+    return low, high
 
 
 @compiled
 def _draw_span(begin, end, last_beam, directions, k, faces, owner, inverse, met):
-    """Draw face k over the beams between two places that are good to half a beam."""
+    """Draw face k over the beams between two places that are good to half a beam: the first one, and the last + 1."""
     dx, dy = directions[0], directions[1]
     first, last = np.uint64(max(begin, 0.0)), np.uint64(min(end, last_beam))
     # The first and the last beam are those that pass the ends on the inner side.
@@ -457,12 +473,13 @@ def _draw_span(begin, end, last_beam, directions, k, faces, owner, inverse, met)
             value, best = normal_x * dx[beam] + normal_y * dy[beam], inverse[beam]
             inverse[beam] = max(value, best)
             met[beam] = owner if value > best else met[beam]
-        return
+        return first, stop
     for beam in range(first, stop):
         value, best, known = normal_x * dx[beam] + normal_y * dy[beam], inverse[beam], met[beam]
         nearer = (value > best) | ((value == best) & (owner < known))
         inverse[beam] = max(value, best)
         met[beam] = owner if nearer else known
+    return first, stop
 
 
 @compiled
@@ -510,8 +527,9 @@ def _merge(inverse, met, merging, farthest, limit, total, count):
 
 
 @compiled
-def _perturb(errors, range_min, range_max, begin, exact, met, key, bias, squared, spare, errant):
-    """As lidar.noise.perturbed, for one scan."""
+def _perturb(errors, limits, begin, exact, met, key, bias, squared, spare, errant):
+    """As lidar.noise.perturbed, for the beams of one scan from `begin` on; those beside them meet nothing."""
+    range_min, range_max, _, _ = limits
     _, sigma, per_metre, resolution, dropout, dropout_far, dropout_grazing, limit, lost, increment = errors
     beams = np.uint64(len(exact))
     for beam in range(beams):
