@@ -10,6 +10,8 @@ import numpy as np
 
 from .compiled import compiled
 
+BLOCK = 64  # beams that are passed over at once if none has a return
+
 
 @compiled
 def find(ranges, spread, reach, jump, min_beams):
@@ -44,21 +46,34 @@ def find(ranges, spread, reach, jump, min_beams):
 def _split(ranges, spread, reach, jump, first, last, count):
     """Groups of a row as if it had no seam; their number."""
     m, size, previous, before = 0, 0, 0, math.nan
-    for beam in range(len(ranges)):
-        r = np.float64(ranges[beam])
-        if not math.isfinite(r):
+    for begin in range(0, len(ranges), BLOCK):
+        stop = min(begin + BLOCK, len(ranges))
+        if not _some_return(ranges, begin, stop):
             continue
-        if not _joined(before, r, beam - previous - 1, spread, reach, jump):
-            if size:
-                last[m], count[m] = previous, size
-                m += 1
-            first[m], size = beam, 0
-        size += 1
-        previous, before = beam, r
+        for beam in range(begin, stop):
+            r = np.float64(ranges[beam])
+            if not math.isfinite(r):
+                continue
+            if not _joined(before, r, beam - previous - 1, spread, reach, jump):
+                if size:
+                    last[m], count[m] = previous, size
+                    m += 1
+                first[m], size = beam, 0
+            size += 1
+            previous, before = beam, r
     if size:
         last[m], count[m] = previous, size
         m += 1
     return m
+
+
+@compiled
+def _some_return(ranges, begin, stop):
+    """Whether there is one from a beam to before another: without branches, for most beams have none."""
+    found = 0
+    for beam in range(np.uint64(begin), np.uint64(stop)):
+        found += abs(ranges[beam]) < np.inf
+    return found > 0
 
 
 @compiled

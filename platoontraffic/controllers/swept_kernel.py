@@ -11,13 +11,14 @@ import math
 
 import numpy as np
 
-from platoontraffic.controllers import path_kernel, steering
+from platoontraffic.controllers import path_kernel, returns_kernel, steering
 from platoontraffic.controllers.path_kernel import curvature_at
+from platoontraffic.controllers.returns_kernel import some_nearer
 from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import nearest
 from platoontraffic.lidar.compiled import compiler
 
-compiled = compiler(__file__, path_kernel.__file__, steering.__file__, polyline.__file__)
+compiled = compiler(__file__, path_kernel.__file__, returns_kernel.__file__, steering.__file__, polyline.__file__)
 
 SWINGS = 0.1  # the front swings out by more than that in a bend that is looked at [m]
 STEP, MOST = 0.3, 40  # spacing of the places of the body [m], and their number
@@ -50,9 +51,11 @@ def first_touched(route, points, speed, driven, body, scan, laser, skipped, unti
         is_off = _is_off(points[i], front)
         if not (is_off or _bends(route, i, driven[i], STEP * count, swings)):
             continue
+        half, radius = body.width[i] / 2, math.hypot(max(front, -rear), body.width[i] / 2 + CLEAR)
+        if not some_nearer(ranges[i], STEP * count + 2 * radius):
+            continue
         places = all_places[:count]
         drive(route, points[i], i, STEP, speed[i], driven[i], body, places)
-        half, radius = body.width[i] / 2, math.hypot(max(front, -rear), body.width[i] / 2 + CLEAR)
         for beam in range(ranges.shape[1]):
             r = max(ranges[i, beam], least)
             if skipped[i, 0] <= beam <= skipped[i, 1] or not r < STEP * count + 2 * radius:

@@ -9,11 +9,13 @@ import math
 
 import numpy as np
 
+from platoontraffic.controllers import returns_kernel
+from platoontraffic.controllers.returns_kernel import some_nearer
 from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import beside, nearest
 from platoontraffic.lidar.compiled import compiler
 
-compiled = compiler(__file__, polyline.__file__)
+compiled = compiler(__file__, returns_kernel.__file__, polyline.__file__)
 
 SPACING = 0.5  # least distance of two points [m]
 ROUNDING = 4  # places each way whose mean rounds a route's corner
@@ -368,6 +370,8 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
         free[i], first[i] = math.inf, -1
         points, size = trail.points[i], trail.size[i]
         x, y, reach, half_width = odometry.x[i], odometry.y[i], strip.reach[i], strip.half_width[i]
+        if not some_nearer(ranges[i], reach):
+            continue
         cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
         begin, share = _nearest(points, size, x, y)
         here = _station(points, begin, share)
@@ -375,7 +379,7 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
         left, right = _sides(points[begin:size], (x, y, cos, sin), here + reach, half_width + swings)
         for beam in range(ranges.shape[1]):
             r = ranges[i, beam]
-            if not r < reach:  # first, for most have no return; NaN, lost, is not less either
+            if not r < reach:  # NaN, lost, is not less either
                 continue
             if r == -math.inf:  # another body is at the laser, or over it
                 if directions[0, beam] > 0:
