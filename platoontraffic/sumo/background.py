@@ -225,10 +225,13 @@ def _changed(names: list[str], gone: Set[str], come: Sequence[str]) -> list[str]
 @compiled
 def _farther(points, x, y, reach):
     """Whether each of points (n, 2) is farther than its reach (n,) from every x, y (m,) [m]."""
-    far = np.ones(len(points), np.bool_)
+    far, by_x = np.ones(len(points), np.bool_), np.argsort(x)
+    x, y = x[by_x], y[by_x]
     for i in range(len(points)):
-        for k in range(len(x)):
+        for k in range(np.searchsorted(x, points[i, 0] - reach[i]), len(x)):
             dx, dy = points[i, 0] - x[k], points[i, 1] - y[k]
+            if dx < -reach[i]:
+                break
             if dx * dx + dy * dy <= reach[i] * reach[i]:
                 far[i] = False
                 break

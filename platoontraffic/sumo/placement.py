@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections import defaultdict
-from collections.abc import Mapping
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import compress, repeat
 from operator import sub
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import shapely
@@ -42,6 +44,7 @@ from platoontraffic.world.fleet import Fleet, Member
 # 100 m: SUMO compares lanes by their distances over the greatest of these. A vehicle inside all lanes that are found
 # has only zeros to compare, and SUMO takes the lane that it has read first, of whatever direction.
 ANY_LANE = ("", -1)
+ANYWHERE = tuple(map(repeat, ANY_LANE))  # columns of any number of rows
 EXACTLY = (2, 10.0)
 WHERE_LANES_OVERLAP = (2, 100.0)
 # The exact pose on a lane of its route, if one is near. On a lane as short as a vehicle: a bend leaves a wedge between
@@ -100,6 +103,13 @@ class Placement:
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane of each member after the last step; the lane is "" off the road."""
         return list(map(self.where.__getitem__, fleet.ids))
+
+    def lanes(self, fleet: Fleet) -> list[str]:
+        """The lane of each member after the last step; "" off the road."""
+        if fleet.ids is not self._located_of:
+            where = self.where
+            self._located_of, self._located = fleet.ids, [where[m][1] if m in where else "" for m in fleet.ids]
+        return self._located
 
     def entries(self) -> list[Entry]:
         """Members that have entered junctions since the last call."""
@@ -224,28 +234,34 @@ class Placement:
 
         raises: RunError (a pose is not finite: SUMO would accept it)
         """
-        motion, move = fleet.motion, direct(self._sumo.vehicle.moveToXY)
-        at = np.empty((motion.x.size, 3))
-        if not fill_in_poses(motion.x, motion.y, motion.heading, fleet.model.length, at):
+        motion, move, row_of = fleet.motion, direct(self._sumo.vehicle.moveToXY), fleet.row_of
+        n = motion.x.size
+        poses = np.empty((3, n))
+        if not fill_in_poses(motion.x, motion.y, motion.heading, fleet.model.length, poses):
             raise RunError("a member's pose is not finite")
         self._shadows.cast(self._moved(fleet))
         aside = direct(self._sumo.vehicle.getLateralLanePosition)
-        poses, bound = at.tolist(), set()
-        held = over_line.keys() & fleet.row_of.keys()
+        x, y, angle = poses.tolist()
+        held = over_line.keys() & row_of.keys()
         for name in held:
-            i = fleet.row_of[name]
-            poses[i] = _set_back(*poses[i], over_line[name] + BEFORE_END)
+            i = row_of[name]
+            x[i], y[i] = _set_back(x[i], y[i], angle[i], over_line[name] + BEFORE_END)
             if (inside := self.where[name][1])[:1] == ":":
                 self._was_in[name] = junction_of(inside)
-        for i in fleet.moved_rows:
-            name = fleet.ids[i]
+        keep_route, threshold = [EXACTLY[0]] * n, [EXACTLY[1]] * n
+        self._bound = set()
+        for name in self._on_overlapping | self._on_short | self._on_route:
+            if (i := row_of.get(name)) is None or fleet.native[i]:
+                continue
             how = WHERE_LANES_OVERLAP if name in self._on_overlapping else EXACTLY
             on_path = name in self._on_route and name not in held and abs(aside(name)) < ASIDE
             if name in self._on_short or on_path:
-                bound.add(name)
+                self._bound.add(name)
                 how = ON_ITS_ROUTE
-            move(name, *ANY_LANE, *poses[i], *how)
-        self._bound = bound
+            keep_route[i], threshold[i] = how
+        # Thousands in every step: arguments go from columns into the calls without a loop of Python.
+        columns = fleet.ids, *ANYWHERE, x, y, angle, keep_route, threshold
+        deque(map(move, *_of_moved(fleet, columns)), maxlen=0)
         if fleet.native_rows.size:
             strongest = fleet.model.strongest_acceleration(motion.speed)
             for i in fleet.native_rows:
@@ -282,18 +298,16 @@ class Placement:
     def locate(self, fleet: Fleet) -> None:
         """Read the edge and lane of every member, and note those that have entered a junction."""
         ids, where = fleet.ids, self.where
-        lanes = list(map(direct(self._sumo.vehicle.getLaneID), ids))
-        if ids is not self._located_of:
-            self._located_of, self._located = ids, [where[name][1] if name in where else "" for name in ids]
-        for row, (name, lane, before) in enumerate(zip(ids, lanes, self._located, strict=True)):
-            if lane == before and lane:
-                continue
+        lanes, located = list(map(direct(self._sumo.vehicle.getLaneID), ids)), self.lanes(fleet)
+        here = enumerate(zip(lanes, located, strict=True))
+        for row in [row for row, (lane, before) in here if lane != before or not lane]:  # few
+            name, lane, before = ids[row], lanes[row], located[row]
             if before and not lane and self._put_back(name, before):
                 continue
             enters = lane[:1] == ":" and before and before[0] != ":"
             if enters and self._was_in.pop(name, None) != junction_of(lane):
                 self._entries.append((name, before, lane))
-            where[name], self._located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
+            where[name], located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
             self._in_order_until.pop(lane, None)
             if (routed := self._routed[name]) and routed[0] != where[name][0]:
                 self._routed[name] = "", routed[1]  # SUMO may replace its route before it is on that edge again
@@ -363,7 +377,8 @@ class Placement:
         vehicle, on_lane = self._sumo.vehicle, direct(self._sumo.lane.getLastStepVehicleIDs)
         position_of = direct(vehicle.getLanePosition)
         movers, where, until = self._moved(fleet), self.where, self._in_order_until
-        for lane in {lane: None for mover in movers if (lane := where[mover.id][1])}:
+        (lanes,) = _of_moved(fleet, (self.lanes(fleet),))
+        for lane in dict.fromkeys(filter(None, lanes)):
             if until[lane] > time + 1e-6:
                 continue
             order = on_lane(lane)
@@ -393,8 +408,7 @@ class Placement:
         """Correct the members' speeds and routes in SUMO."""
         set_speed, speeds = direct(self._sumo.vehicle.setPreviousSpeed), np.abs(fleet.motion.speed).tolist()
         # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
-        for row in fleet.moved_rows:
-            set_speed(fleet.ids[row], speeds[row])
+        deque(map(set_speed, *_of_moved(fleet, (fleet.ids, speeds))), maxlen=0)
         if fleet.members is not self._settled_of:
             self._settled_of, self._unsettled = fleet.members, set(fleet.ids)
         for row in sorted([fleet.row_of[name] for name in self._unsettled if name in fleet.row_of]):
@@ -480,7 +494,15 @@ def _edges(route: Route | None) -> tuple[str, ...]:
     return route.edges if route else ()
 
 
-def _set_back(x: float, y: float, angle: float, distance: float) -> list[float]:
-    """A pose as SUMO has it, some distance [m] farther back. angle: clockwise from north [deg]"""
+def _set_back(x: float, y: float, angle: float, distance: float) -> tuple[float, float]:
+    """A place as SUMO has it, some distance [m] farther back. angle: clockwise from north [deg]"""
     course = math.radians(90 - angle)
-    return [x - distance * math.cos(course), y - distance * math.sin(course), angle]
+    return x - distance * math.cos(course), y - distance * math.sin(course)
+
+
+def _of_moved(fleet: Fleet, columns: Sequence[Iterable[Any]]) -> Sequence[Iterable[Any]]:
+    """Columns with one value a member, without those of the members that SUMO drives."""
+    if not fleet.native_rows.size:
+        return columns
+    moved = (~fleet.native).tolist()
+    return [compress(column, moved) for column in columns]

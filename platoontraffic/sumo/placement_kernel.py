@@ -16,18 +16,18 @@ _front_of, _sumo_angle = compiled(front_of), compiled(sumo_angle)
 
 def load() -> None:
     """Load what is compiled here."""
-    fill_in_poses(*np.empty((4, 0)), np.empty((0, 3)))
+    fill_in_poses(*np.empty((4, 0)), np.empty((3, 0)))
 
 
 @compiled
 def fill_in_poses(x, y, heading, length, poses):
-    """Fill in SUMO's x, y and angle, (n, 3), of vehicles with these centres, headings and lengths, (n,).
+    """Fill in SUMO's x, y and angle, (3, n), of vehicles with these centres, headings and lengths, (n,).
 
     returns: whether all are finite
     """
     sound = True
     for i in range(len(x)):
-        poses[i, 0], poses[i, 1] = _front_of(x[i], y[i], heading[i], length[i])
-        poses[i, 2] = _sumo_angle(heading[i])
-        sound &= math.isfinite(poses[i, 0] + poses[i, 1] + poses[i, 2])
+        poses[0, i], poses[1, i] = _front_of(x[i], y[i], heading[i], length[i])
+        poses[2, i] = _sumo_angle(heading[i])
+        sound &= math.isfinite(poses[0, i] + poses[1, i] + poses[2, i])
     return sound

@@ -36,7 +36,8 @@ class Trips:
         self._row: dict[str, int] = {}
         # [m/s], by lane
         self._limits = Once(lambda lane: sumo.lane.getMaxSpeed(lane) if lane else np.inf)
-        self._rows = np.empty(0, dtype=np.intp)  # of the members in the fleet that are from the traffic ...
+        self._names: list[str] = []  # of the members in the fleet that are from the traffic ...
+        self._rows = np.empty(0, dtype=np.intp)  # ... their rows there ...
         self._of_rows = np.empty(0, dtype=np.intp)  # ... and their rows in the sums
         self._for: tuple[str, ...] = ()
         self._handed_over: set[str] = set()  # members that SUMO has taken over, until they arrive
@@ -72,13 +73,17 @@ class Trips:
         """After every step. time: now [s]"""
         if fleet.ids is not self._for:
             self._for = fleet.ids
-            self._rows = np.array([i for i, name in enumerate(fleet.ids) if name in self._row], dtype=np.intp)
-            self._of_rows = np.array([self._row[fleet.ids[i]] for i in self._rows], dtype=np.intp)
+            rows = [i for i, name in enumerate(fleet.ids) if name in self._row]
+            self._rows, self._names = np.array(rows, dtype=np.intp), [fleet.ids[i] for i in rows]
+            self._of_rows = np.array([self._row[name] for name in self._names], dtype=np.intp)
         vehicle = self._sumo.vehicle
         if len(self._rows):
-            names, speed = [fleet.ids[i] for i in self._rows], np.abs(fleet.motion.speed[self._rows])
-            where, lane_of = self._placement.where, vehicle.getLaneID
-            self._add(self._of_rows, names, speed, [where[name][1] or lane_of(name) for name in names])
+            names, lanes = self._names, self._placement.lanes(fleet)
+            if len(names) < len(lanes):
+                lanes = [lanes[i] for i in self._rows.tolist()]
+            if not all(lanes):  # off the road
+                lanes = [lane or vehicle.getLaneID(name) for name, lane in zip(names, lanes, strict=True)]
+            self._add(self._of_rows, names, np.abs(fleet.motion.speed[self._rows]), lanes)
         if self._handed_over:
             arrived = self._handed_over.intersection(self._sumo.simulation.getArrivedIDList())
             self.end(arrived, round(time - self._step, 6), "arrived")
@@ -90,11 +95,11 @@ class Trips:
     def _add(self, rows: np.ndarray, names: list[str], speed: np.ndarray, lanes: list[str]) -> None:
         """Count a step of vehicles in. rows: of the sums; all (m,)"""
         limits, vehicle = self._limits, self._sumo.vehicle
-        limit = np.array([limits[lane] for lane in lanes])
+        limit = np.fromiter(map(limits.__getitem__, lanes), float, len(lanes))
         factor, top_speed = self._drivers[rows].T
         desired = np.minimum(factor * limit, top_speed)
         emissions = map(direct, (vehicle.getCO2Emission, vehicle.getFuelConsumption))
-        co2, fuel = (MG * np.array([*map(get, names)]) for get in emissions)
+        co2, fuel = (MG * np.fromiter(map(get, names), float, len(names)) for get in emissions)
         rates = speed, speed < WAITING, 1 - speed / desired, co2, fuel
         self._sums[rows] += self._step * np.column_stack(rates)
 

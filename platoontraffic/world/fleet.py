@@ -347,11 +347,6 @@ class Fleet(MemberState):
         return {m.id: (m.platoon, m.place) for m in self.members if not m.single}
 
     @cached_property
-    def moved_rows(self) -> list[int]:
-        """Rows of the others, which `moveToXY` moves."""
-        return np.flatnonzero(~self.native).tolist()
-
-    @cached_property
     def body(self) -> Body:
         """Sizes of all members, (n,)."""
         return Body(*(getattr(self.model, name) for name in Body._fields))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from platoontraffic.simulation import Simulation
-from platoontraffic.sumo.background import STRETCHED, Background
+from platoontraffic.sumo.background import STRETCHED, Background, _farther
 
 REACH, DT = 50.0, 0.1  # [m], [s]
 
@@ -34,9 +34,19 @@ def test_one_that_comes_is_on_the_list_before_it_is_in_range(own, its, stretched
             here = np.array([own * time])
             motion = SimpleNamespace(x=here, y=np.zeros(1), speed=np.array([own]))
             background._time = time
-            near = background._names(SimpleNamespace(members=members, motion=motion), REACH, frozenset())
+            near, _ = background._names(SimpleNamespace(members=members, motion=motion), REACH, frozenset())
             assert "a" in near or abs(place()[0] - here[0]) > REACH, (begin, time)
             time += DT
+
+
+@pytest.mark.parametrize(("vehicles", "members"), [(200, 60), (50, 1), (9, 0), (0, 3)])
+def test_what_is_farther_than_its_reach_from_every_member(vehicles, members):
+    rng = np.random.default_rng(vehicles)
+    fronts, (x, y) = rng.uniform(0, 1000, (vehicles, 2)), rng.uniform(0, 1000, (2, members))
+    x[1::2] = x[:-1:2][: len(x[1::2])]  # pairs have one x
+    reach = rng.uniform(0, 200, vehicles)
+    away = np.hypot(fronts[:, :1] - x, fronts[:, 1:] - y)
+    np.testing.assert_array_equal(_farther(fronts, x, y, reach), (away > reach[:, None]).all(axis=1))
 
 
 @pytest.mark.sumo

@@ -36,8 +36,8 @@ def test_front_bumper_is_half_a_length_ahead():
 def test_poses_of_many_vehicles_are_those_of_each():
     rng, n = np.random.default_rng(1), 1000
     (x, y), heading = rng.uniform(-1e4, 1e4, (2, n)), rng.uniform(-np.pi, np.pi, n)
-    length, poses = rng.uniform(0.2, 18.0, n), np.empty((n, 3))
+    length, poses = rng.uniform(0.2, 18.0, n), np.empty((3, n))
     assert fill_in_poses(x, y, heading, length, poses)
-    np.testing.assert_array_equal(poses.T, [*front_of(x, y, heading, length), sumo_angle(heading)])
+    np.testing.assert_array_equal(poses, [*front_of(x, y, heading, length), sumo_angle(heading)])
     x[7] = np.nan
     assert not fill_in_poses(x, y, heading, length, poses)
