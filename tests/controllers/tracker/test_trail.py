@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from platoontraffic.controllers.tracker.track import Odometry, Track
-from platoontraffic.controllers.tracker.trail import POINTS, Strip, Trail
+from platoontraffic.controllers.tracker.trail import POINTS, RouteSection, Strip, Trail
 from platoontraffic.controllers.tracker.trail_kernel import BEHIND, first_return
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.vehicles.motion import Drive
@@ -51,6 +51,16 @@ def test_a_trail_that_is_full_forgets_its_oldest_quarter():
         trail = trail.extended(seen_at(np.array([place])), own, np.zeros(1, bool))
     assert trail.size == POINTS + 1 - POINTS // 4
     assert trail.points[0, trail.size[0] - 1, 0] == POINTS - 1
+
+
+def test_a_trail_along_the_end_of_a_route_goes_straight_on():
+    """Where all points of the route ahead are one: the way the vehicle is headed, wherever the odometry began."""
+    own = odometry(np.array([100.0]))._replace(heading=np.array([np.pi / 2]))
+    points, distance = np.zeros((1, 3, 2)), np.array([[0.0, 1.0, 2.0]])
+    section = RouteSection(np.ones(1, bool), points, distance, np.array([2.0]), np.array([0.5]))
+    trail = Trail.begin(1).extended(Track.none(1), own, np.zeros(1, bool), section)
+    assert trail.size == 2
+    np.testing.assert_allclose(trail.points[0, :2], [[100, 0, 0], [100, 1, 1]], atol=1e-12)
 
 
 @pytest.mark.parametrize("radius", [20.0, 25.0])
