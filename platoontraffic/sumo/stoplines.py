@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, takewhile
 
 import numpy as np
@@ -135,9 +135,9 @@ class StopLines:
         rows, asking = self._rows, self._asking
         axle = fleet.progress.station[self._rows_in_progress]
         front = axle + (fleet.model.length / 2 - fleet.model.axle)[rows]
-        speed, lanes = fleet.motion.speed[rows], [roads[ego.id][1] for ego in asking]
+        speed = fleet.motion.speed[rows]
         if looks:
-            is_far, state = self._far.still(front, speed, lanes)
+            is_far, state = self._far.still(front, speed, [roads[ego.id][1] for ego in asking])
             judged = ~is_far | self._far.by_light | (self._far.changes & (speed < self._slow))
             if self._stops:
                 judged |= [ego.id in self._stops for ego in asking]
@@ -145,36 +145,45 @@ class StopLines:
             judged, state = self._last.now(front)
             is_far = np.zeros(len(asking), bool)
         self._last.note(front, state)
-        front, speed, distance = front.tolist(), speed.tolist(), state.distance.tolist()
-        axle, drive = axle.tolist(), fleet.motion.acceleration[rows].tolist()
-        goes_round = fleet.goes_round.tolist()
-        judged = np.flatnonzero(judged)
-        states = []
-        for k, row in zip(judged.tolist(), rows[judged].tolist(), strict=True):
-            member, ego = fleet.members[row], asking[k]
-            ego = ego.driving(lanes[k], speed[k], drive[k], member.route, axle[k])
-            if goes_round[row]:
-                ego = ego._replace(top=member.route.limit_at(axle[k]))
-            if is_far[k]:
-                found = self._ahead(self._far.lines[k], distance[k], False, ego, member.route)
-            else:
-                found = self._state(member, front[k], ego, k)
-            states.append(self._letting_in(found, ego) if ego.id in self._stops else found)
-        if states:
-            for values, column in zip(state, zip(*states, strict=True), strict=True):
-                values[judged] = column
+        if (which := judged.nonzero()[0]).size:
+            driven = front, axle, speed, fleet.motion.acceleration[rows], state.distance, is_far
+            found = self._judge(fleet, roads, which, (values[which].tolist() for values in driven))
+            for values, column in zip(state, zip(*found, strict=True), strict=True):
+                values[which] = column
         signals = Signals(*(values.copy() for values in self._no_lines))
         for values, column in zip(signals, state, strict=True):
             values[rows] = column
         if looks and self._choice.is_due(time := self._sumo.simulation.getTime()):
-            drive = zip(asking, lanes, speed, axle, strict=True)
-            routes = [fleet.members[row].route for row in rows.tolist()]
+            drive = zip(asking, rows.tolist(), speed.tolist(), axle.tolist(), strict=True)
             egos = (
-                ego.driving(lane, speed, 0.0, route, axle)
-                for (ego, lane, speed, axle), route in zip(drive, routes, strict=True)
+                ego.driving(roads[ego.id][1], speed, 0.0, fleet.members[row].route, axle)
+                for ego, row, speed, axle in drive
             )
             self._choice.look(fleet, egos, time)
         return signals
+
+    def _judge(
+        self, fleet: Fleet, roads: Mapping[str, tuple[str, str]], which: np.ndarray, driven: Iterable[Sequence]
+    ) -> Iterator[LineState]:
+        """The lines of some of the members that ask, by their numbers among these, (m,).
+
+        driven: stations of front bumper and driven axle [m], speed [m/s], acceleration [m/s2], distance of the next
+                line [m], and whether that is far, as before, (m,) each
+        """
+        rows = self._rows[which]
+        goes_round = fleet.goes_round[rows].tolist()
+        for k, row, front, axle, speed, drive, distance, is_far, is_aside in zip(
+            which.tolist(), rows.tolist(), *driven, goes_round, strict=True
+        ):
+            member, ego = fleet.members[row], self._asking[k]
+            ego = ego.driving(roads[ego.id][1], speed, drive, member.route, axle)
+            if is_aside:
+                ego = ego._replace(top=member.route.limit_at(axle))
+            if is_far:
+                found = self._ahead(self._far.lines[k], distance, False, ego, member.route)
+            else:
+                found = self._state(member, front, ego, k)
+            yield self._letting_in(found, ego) if ego.id in self._stops else found
 
     def _looks_now(self) -> bool:
         """Whether members look at their lines in this step."""
