@@ -200,7 +200,8 @@ class Conflicts:
                             before, via, place.own, place.its, merges, is_first, waits, fastest, touches, blocks=blocks
                         )
                     )
-        is_sharp = _curvature(own) > SHARP / model.turning_radius
+        curvature = _curvature(own)
+        is_sharp = curvature > SHARP / model.turning_radius
         met = {one.via[0] for one in crossings}
         found = _swung_over(line, model, width, met, network, sumo, paths) if is_sharp else []
         crossings += found
@@ -211,7 +212,7 @@ class Conflicts:
         upstream = dict(one for name in reversed(entering) for one in network.upstream(name, watched))
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
-        swung = tuple(_swung_over_by_body(line, model, met, network, sumo, paths))
+        swung = tuple(_swung_over_by_body(line, model, curvature, met, network, sumo, paths))
         narrow = (*_narrow(line, met, inner, network, sumo, paths), *(one for one in swung if one.swings))
         return cls(tuple(upstream.items()), tuple(crossings), walks, waits, bool(found), narrow, swung)
 
@@ -247,6 +248,7 @@ def _of_other_edges(line: Line, network: Network, paths: Paths) -> Iterator[tupl
 def _swung_over_by_body(
     line: Line,
     model: Car,
+    curvature: float,
     met: Set[str],
     network: Network,
     sumo: Client,
@@ -256,10 +258,12 @@ def _swung_over_by_body(
 
     In a sharp right turn its front swings over the oncoming lane, in a left turn its side: also before the line there.
     The crossing swings if the paths do not meet on the network.
+
+    curvature: greatest one of the line's path [1/m]
     """
     width, reach, front = sumo.lane.getWidth(line.lane), max(ABOUT, REACH * model.length), model.length / 2 - model.axle
     # In a bend of radius R its front is about front^2 / 2 R farther out than its axle.
-    swings = front**2 * _curvature(paths[line.via, line.onto, SAMPLED * width]) / 2 > SWUNG
+    swings = front**2 * curvature / 2 > SWUNG
     others = [*_of_other_edges(line, network, paths)] if line.kind in LONG and swings else []
     # How it turns depends on where it comes from, if the lane before is short: as at the exit of a roundabout.
     approaches = islice(network.approaches(line.lane, reach), MOST_APPROACHES) if others else ()
@@ -345,15 +349,24 @@ def _middles(line: Sampled, length: float) -> Sampled:
     return Sampled(*((values[apart:] + values[:-apart]) / 2 for values in line))
 
 
-def _front_along(line: Sampled, half: float) -> tuple[Sampled, Sampled, Sampled]:
-    """A line, and those of points so far to its left and right [m], by its stations."""
+class Front(NamedTuple):
+    """Points of the front of a vehicle that drives along a line: its middle, its left end and its right end."""
+
+    stations: np.ndarray  # of the line [m], (k,)
+    middle: np.ndarray  # [m], (k, 2)
+    left: np.ndarray
+    right: np.ndarray
+
+
+def _front_along(line: Sampled, half: float) -> Front:
+    """half: of the vehicle's width [m]"""
     aside = half * left_of(line.points)
-    return line, line._replace(points=line.points + aside), line._replace(points=line.points - aside)
+    return Front(line.stations, line.points, line.points + aside, line.points - aside)
 
 
-def _touches(front: Sequence[Sampled], path: Sampled, apart: float) -> float:
+def _touches(front: Front, path: Sampled, apart: float) -> float:
     """Station from which on one of the points of a front is less than a distance from a path [m]; inf: nowhere."""
-    return min(_first_near(one.stations, one.points, path.points, apart) for one in front)
+    return _first_touch(*front, path.points, apart)
 
 
 def _sides(
@@ -567,6 +580,13 @@ def _first_near(stations, points, others, apart):
                 if _is_near(points[i], others[k], apart):
                     return stations[i]
     return math.inf
+
+
+@compiled
+def _first_touch(stations, middle, left, right, others, apart):
+    """The least `_first_near` of three lines of points, (k, 2) each."""
+    first = min(_first_near(stations, middle, others, apart), _first_near(stations, left, others, apart))
+    return min(first, _first_near(stations, right, others, apart))
 
 
 def _curvature(line: Sampled) -> float:
