@@ -194,22 +194,21 @@ def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, k
             hits[i, begin : begin + beams] = NO_HIT
         if low >= high:
             continue
-        there = slice(low, high)
         if around[i] == NO_HIT:
             if rays > 1:
                 _merge(inverse, met, merging, range_max * (1 + ROUNDING), exact, spare, errant)
-            _limit(inverse[0, there], range_min, range_max, exact[there])
+            _limit(low, high, inverse[0], range_min, range_max, exact)
             for beam in range(low, high):
                 hits[i, begin + beam] = NO_HIT if exact[beam] == np.inf else met[0, beam]
             if errors[0]:
-                key, memory = _mixed(keys[i] + scan), (squared[there], spare[there], errant[there])
-                _perturb(errors, limits, begin + low, exact[there], met[0, there], key, bias[i], *memory)
+                key = _mixed(keys[i] + scan)
+                _perturb(low, high, errors, limits, begin, exact, met[0], key, bias[i], squared, spare, errant)
             measured = errant if errors[0] else exact
             for beam in range(low, high):
                 ranges[i, begin + beam] = measured[beam]
         for ray in range(rays):
-            inverse[ray, there] = 0.0
-            met[ray, there] = NOBODY
+            for beam in range(low, high):
+                inverse[ray, beam], met[ray, beam] = 0.0, NOBODY
 
 
 @compiled
@@ -219,9 +218,9 @@ def _room(size):
 
 
 @compiled
-def _limit(inverse, range_min, range_max, exact):
-    """Ranges from inverse ranges, ±inf beyond the limits."""
-    for beam in range(np.uint64(len(inverse))):
+def _limit(low, high, inverse, range_min, range_max, exact):
+    """Ranges from inverse ranges of the beams from `low` to before `high`, ±inf beyond the limits."""
+    for beam in range(low, high):
         r = 1.0 / inverse[beam]
         value = min(max(r, range_min), range_max)
         value = -np.inf if r < range_min * (1 - ROUNDING) else value
@@ -527,45 +526,46 @@ def _merge(inverse, met, merging, farthest, limit, total, count):
 
 
 @compiled
-def _perturb(errors, limits, begin, exact, met, key, bias, squared, spare, errant):
-    """As lidar.noise.perturbed, for the beams of one scan from `begin` on; those beside them meet nothing."""
+def _perturb(low, high, errors, limits, begin, exact, met, key, bias, squared, spare, errant):
+    """As lidar.noise.perturbed, for the beams of one scan from `low` to before `high`; no other meets anything."""
     range_min, range_max, _, _ = limits
     _, sigma, per_metre, resolution, dropout, dropout_far, dropout_grazing, limit, lost, increment = errors
-    beams = np.uint64(len(exact))
-    for beam in range(beams):
+    for beam in range(low, high):
         r = exact[beam]
         counter = (begin + beam) * np.uint64(PURPOSES) + np.uint64(GAUSS)
         value = (r + bias) + (sigma + per_metre * r) * _gauss(_mixed(key + counter * GOLDEN))
         errant[beam] = value
     if resolution > 0.0:
-        for beam in range(beams):
+        for beam in range(low, high):
             errant[beam] = np.rint(errant[beam] / resolution) * resolution
-    for beam in range(beams):
+    for beam in range(low, high):
         measured = errant[beam]
         value = min(max(measured, range_min), range_max)
         value = -np.inf if measured < range_min * (1 - ROUNDING) else value
         errant[beam] = np.inf if measured > range_max * (1 + ROUNDING) else value
     if dropout > 0.0 or dropout_far > 0.0 or dropout_grazing > 0.0:
         if dropout_grazing > 0.0:
-            _incidence_cosine_squared(exact, met, increment, squared, spare)
+            _incidence_cosine_squared(low, high, exact, met, increment, squared, spare)
         else:
-            squared[:] = 1.0
-        for beam in range(beams):
+            for beam in range(low, high):
+                squared[beam] = 1.0
+        for beam in range(low, high):
             r = exact[beam]
             chance = dropout + dropout_far * ((r / range_max) * (r / range_max))
             chance += dropout_grazing * max(1.0 - squared[beam] / limit, 0.0)
             counter = (begin + beam) * np.uint64(PURPOSES) + np.uint64(DROPOUT)
             draw = _uniform(_mixed(key + counter * GOLDEN))
             errant[beam] = lost if draw < chance else errant[beam]
-    for beam in range(beams):
+    for beam in range(low, high):
         errant[beam] = errant[beam] if abs(exact[beam]) < np.inf else exact[beam]
 
 
 @compiled
-def _incidence_cosine_squared(ranges, met, increment, squared, backward):
-    """As lidar.noise.incidence_cosine_squared, for one scan."""
+def _incidence_cosine_squared(low, high, ranges, met, increment, squared, backward):
+    """As lidar.noise.incidence_cosine_squared, for the beams of one scan as in `_perturb`."""
     sine_squared, versine = math.sin(increment) ** 2, 2.0 * math.sin(increment / 2) ** 2
-    for beam in range(np.uint64(len(ranges) - 1)):
+    last = high - np.uint64(1)
+    for beam in range(low, last):
         after = beam + np.uint64(1)
         a, b = ranges[beam], ranges[after]
         apart_squared = (a - b) * (a - b) + 2.0 * versine * (a * b)
@@ -573,7 +573,7 @@ def _incidence_cosine_squared(ranges, met, increment, squared, backward):
         q = sine_squared / (apart_squared if same else 1.0)
         squared[beam] = b * b * q if same else -1.0
         backward[after] = a * a * q if same else -1.0
-    squared[-1], backward[0] = -1.0, -1.0
-    for beam in range(np.uint64(len(ranges))):
+    squared[last], backward[low] = -1.0, -1.0
+    for beam in range(low, high):
         value = max(squared[beam], backward[beam])
         squared[beam] = 1.0 if value < 0.0 else value
