@@ -332,6 +332,30 @@ def test_subbeams_are_the_same_in_the_fast_engines(merging):
     np.testing.assert_allclose(raster.ranges, plain.ranges, atol=1e-9)
 
 
+@pytest.mark.parametrize("subbeams", [1, 3])
+@pytest.mark.parametrize("dropout_grazing", [0.0, 0.5])
+def test_errors_of_the_few_beams_that_meet_something_are_those_of_a_whole_scan(subbeams, dropout_grazing):
+    """Posts before many scanners at once: some meet none, some one beam, also the first or the last one."""
+    rng, n = np.random.default_rng(subbeams), 300
+    x, y = 100.0 * np.arange(n), np.zeros(n)
+    bearing, distance = rng.uniform(-1.7, 1.7, (2, n)), rng.uniform(1.0, 33.0, (2, n))
+    bearing[:, :20], distance[:, :20] = [[np.pi / 2], [-np.pi / 2]], 5.0
+    posts = (x + distance * np.cos(bearing)).ravel(), (distance * np.sin(bearing)).ravel()
+    width = np.tile(rng.uniform(0.02, 0.3, n), 2)
+    boxes = Boxes(*posts, np.zeros(2 * n), width, width, np.arange(n, 3 * n))
+    noise = dataclasses.replace(ALL_ERRORS, dropout_grazing=dropout_grazing)
+    model = fan(samples=180, noise=noise, subbeams=subbeams, divergence=0.003 if subbeams > 1 else 0.0)
+    raster, plain = (
+        look(model, Scene(np.empty((0, 4))), boxes, x, y, np.zeros(n), np.arange(n), engine=engine)
+        for engine in ("raster", "numpy")
+    )
+    np.testing.assert_array_equal(raster.hits, plain.hits)
+    np.testing.assert_allclose(raster.ranges, plain.ranges, atol=1e-9)
+    met = (raster.hits >= 0).sum(axis=1)
+    assert {0, 1, 2} < {*met.tolist()}
+    assert {0, 179} < {*np.flatnonzero((raster.hits >= 0).any(axis=0)).tolist()}
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("incidence_deg", [0, 30, 60, 75])
 def test_on_an_oblique_wall_a_beam_measures_the_mean_over_its_spot(engine, incidence_deg):
