@@ -29,7 +29,7 @@ class Closeness:
         """scale: size of each member beside a car, (N,); NEAR_MISS_GAP shrinks with it"""
         n, self._near_gap = len(scale), NEAR_MISS_GAP * scale  # [m]
         self.clearance, self.contact_in = np.full((2, n), np.nan)
-        self._closest: tuple[np.ndarray, tuple[str, ...]] = np.empty(0, dtype=np.intp), ()  # rows in the last step, ids
+        self._closest: tuple[np.ndarray, tuple[str, ...]] = NOTHING, ()  # rows in the last step, ids
         self.may_touch = NOTHING  # rows of members that a body may touch, and of those bodies
         self._pairs = np.empty((0, 2), dtype=np.intp)  # rows of those that are near
         self._near: set[tuple[str, str]] = set()  # one step before

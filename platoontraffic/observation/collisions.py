@@ -57,7 +57,7 @@ class Collisions:
     def observe(self, step: Step, may_touch: np.ndarray) -> Iterator[Event]:
         """collision
 
-        may_touch: rows of the bodies of which two may touch; none other does, but walls
+        may_touch: rows of the bodies that may touch one another; walls are asked for here
         """
         traffic, n = step.traffic, step.fleet.number.size
         self._entries.observe(traffic)
