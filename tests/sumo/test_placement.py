@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from platoontraffic import shipped
+from platoontraffic.controllers.native import SumoDriver
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.netconvert import build_net
@@ -16,6 +17,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Simulation
 from platoontraffic.sumo.placement import BEFORE_END, EXACTLY, ON_ITS_ROUTE, Placement
+from platoontraffic.sumo.trips import Trips
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.world.fleet import Fleet
 from tests.support.bench import platoon
@@ -271,3 +273,42 @@ def _on_a_lane(positions: dict[str, float]) -> tuple[Placement, SimpleNamespace]
     placement._shadows = SimpleNamespace(observe=lambda *_: None, lost=lambda _: None)
     placement.where[member.id] = "road", "road_0"
     return placement, here
+
+
+def test_only_members_that_sumo_does_not_drive_are_moved_and_given_their_speeds():
+    moves, speeds = [], []
+    vehicle = SimpleNamespace(
+        moveToXY=lambda *given: moves.append(given), setPreviousSpeed=lambda *given: speeds.append(given),
+        getLateralLanePosition=lambda _: 0.0,
+    )  # fmt: skip
+    client = SimpleNamespace(vehicle=vehicle, vehicletype=SimpleNamespace(setAccel=lambda *_: None))
+    placement = Placement(client, network_of({"road": (3.2,)}), 0.1)
+    members = platoon(SumoDriver(), PathLeader(), 2, model=CAR, speed=5.0)
+    fleet = Fleet.deployed(members, 0.1)
+    assert fleet.native.tolist() == [True, False, False]
+    placement._settled_of = fleet.members
+    placement.place(fleet, None, {})
+    placement.settle(fleet)
+    fronts = (fleet.motion.x + CAR.length / 2)[1:].tolist()
+    assert [(name, x, y) for name, _, _, x, y, *_ in moves] == [
+        (name, pytest.approx(x), pytest.approx(0.0)) for name, x in zip(fleet.ids[1:], fronts, strict=True)
+    ]
+    assert {given[1:3] + given[6:] for given in moves} == {("", -1, *EXACTLY)}
+    assert speeds == [(name, 5.0) for name in fleet.ids[1:]]
+
+
+def test_a_step_of_those_from_the_traffic_counts_on_their_own_lanes():
+    """Among members that are not from the traffic; off all lanes there is no limit."""
+    limit = {"slow_0": 5.0, "road_0": 10.0, "fast_0": 20.0}
+    vehicle = SimpleNamespace(
+        getDepartDelay=lambda _: 0.0, getCO2Emission=lambda _: 1e6, getFuelConsumption=lambda _: 3e5,
+        getLaneID=lambda _: "",
+    )  # fmt: skip
+    client = SimpleNamespace(vehicle=vehicle, lane=SimpleNamespace(getMaxSpeed=limit.__getitem__))
+    placement = SimpleNamespace(lanes=lambda _: ["slow_0", "road_0", "fast_0", ""])
+    members = [replace(one, route=ROUTE) for one in platoon(PathLeader(), PathLeader(), 3, model=CAR, speed=5.0)]
+    fleet, trips = Fleet.deployed(members, 0.1), Trips(client, placement, 0.1)
+    trips.begin(fleet.without({fleet.ids[0]}), ["car"] * 3, {})
+    trips.observe(fleet, 0.1)
+    assert [one.time_loss for one in trips.rows()] == pytest.approx([0.1 * (1 - 5 / v) for v in (10, 20, np.inf)])
+    assert [one.co2 for one in trips.rows()] == pytest.approx([0.1] * 3)
