@@ -69,7 +69,7 @@ def _split(ranges, spread, reach, jump, first, last, count):
 
 @compiled
 def _some_return(ranges, begin, stop):
-    """Whether there is one from a beam to before another: without branches, for most beams have none."""
+    """Whether a beam from `begin` to before `stop` has a return. Without branches, since most beams have none."""
     found = 0
     for beam in range(np.uint64(begin), np.uint64(stop)):
         found += abs(ranges[beam]) < np.inf
