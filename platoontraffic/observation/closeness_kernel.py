@@ -49,14 +49,14 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
     for k in range(len(bodies.x)):
         radius[k] = math.hypot(bodies.half_length[k], bodies.half_width[k])
         fastest, largest = max(fastest, abs(bodies.speed[k])), max(largest, radius[k])
-    by_x, sorted_x = in_order_of_x(bodies.x)
+    order = in_order_of_x(bodies.x, bodies.y)
     rows = np.empty(len(radius), np.intp)
     for i in range(n):
         clearance[i], closest[i], contact_in[i] = math.nan, -1, math.nan
         least, soonest = reach, horizon
         widest = radius[i] + largest + max(reach, (abs(bodies.speed[i]) + fastest) * horizon)
         vx, vy = bodies.speed[i] * bodies.cos[i], bodies.speed[i] * bodies.sin[i]
-        for k in rows[: nearby(bodies.x, bodies.y, by_x, sorted_x, i, widest, rows)]:
+        for k in rows[: nearby(bodies.x[i], bodies.y[i], order, widest, rows)]:
             if k == i:
                 continue
             dx, dy = bodies.x[k] - bodies.x[i], bodies.y[k] - bodies.y[i]

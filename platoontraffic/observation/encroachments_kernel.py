@@ -104,11 +104,11 @@ def meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found):
         old_x[k], old_y[k] = oldest[X], oldest[Y]
         radius[k] = math.hypot(trails.half_length[s], trails.half_width[s])
         longest, widest = max(longest, length[k]), max(widest, radius[k])
-    by_x, sorted_x = in_order_of_x(x)
+    order = in_order_of_x(x, y)
     near = np.empty(bodies, np.intp)
     for i in range(n):
         a, now.count[seat[i]] = slot[i], 0
-        for k in near[: nearby(x, y, by_x, sorted_x, i, radius[i] + widest + longest, near)]:
+        for k in near[: nearby(x[i], y[i], order, radius[i] + widest + longest, near)]:
             reach = radius[i] + radius[k] + max(length[i], length[k])
             if abs(x[k] - x[i]) > reach or abs(y[k] - y[i]) > reach:
                 continue

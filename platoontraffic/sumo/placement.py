@@ -411,7 +411,9 @@ class Placement:
         deque(map(set_speed, *_of_moved(fleet, (fleet.ids, speeds))), maxlen=0)
         if fleet.members is not self._settled_of:
             self._settled_of, self._unsettled = fleet.members, set(fleet.ids)
-        for row in sorted([fleet.row_of[name] for name in self._unsettled if name in fleet.row_of]):
+        row_of, where, edges = fleet.row_of, self.where, self._network.edges
+        outside = [name for name in self._unsettled if name in row_of and where[name][0] in edges]  # of junctions
+        for row in sorted(map(row_of.__getitem__, outside)):
             member = fleet.members[row]
             # A SUMO-driven one keeps to the route that it was given.
             if (fleet.native[row] and not member.route.closed) or self._is_settled(member):
@@ -426,8 +428,6 @@ class Placement:
         routed = self._routed[member.id]
         if routed == (edge, member.route):
             return True
-        if edge not in self._network.edges:  # a junction
-            return False
         if vehicle.getRoute(member.id)[vehicle.getRouteIndex(member.id)] != edge:
             return False  # for a few steps after a junction SUMO still counts it to the edge before
         if member.route and edge not in member.route.edges:  # beside its route: SUMO knows what it is on

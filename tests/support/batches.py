@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import subprocess
 import sys
@@ -88,9 +89,17 @@ def until(true: Callable[[], object], deadline: float = 60) -> None:
 
 
 def children(pid: int) -> list[int]:
-    listed = subprocess.run(["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True).stdout
-    own = [int(word) for word in listed.split()]
+    own = [child for child, parent in parents().items() if parent == pid]
     return [child for child in own if alive(child) and "platoontraffic.study.worker" in words_of(child)]
+
+
+def parents() -> dict[int, int]:
+    """The parent of each process. (`ps` is missing in small images.)"""
+    found = {}
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            found[int(file.parent.name)] = int(file.read_text().rpartition(")")[2].split()[1])
+    return found
 
 
 def words_of(pid: int) -> str:
@@ -109,10 +118,9 @@ def alive(pid: int) -> bool:
 
 def workers_below(pid: int) -> list[int]:
     """Those below a process, at whatever depth."""
-    listed = subprocess.run(["ps", "-eo", "pid=,ppid="], capture_output=True, text=True).stdout
-    parents = dict(tuple(map(int, line.split())) for line in listed.splitlines())
+    parent_of = parents()
     below, found = {pid}, []
-    while new := {child for child, parent in parents.items() if parent in below} - below:
+    while new := {child for child, parent in parent_of.items() if parent in below} - below:
         below |= new
         found += [child for child in new if "platoontraffic.study.worker" in words_of(child)]
     return found
