@@ -79,8 +79,8 @@ def read(net: Path) -> Content:
     reader = _Reader()
     try:
         with _no_collection():
-            parse(net, reader.start, "must be a SUMO network")
-    except (ValueError, IndexError) as error:
+            parse(net, reader.start, "must be a SUMO network as netconvert writes it")
+    except IndexError as error:
         raise InputError(f"{net}: {error}; must be as netconvert writes it") from None
     if reader.doubled:
         raise InputError(*(f"{net}: edge '{name}' occurs more than once" for name in reader.doubled))
