@@ -412,15 +412,16 @@ class Placement:
         if fleet.members is not self._settled_of:
             self._settled_of, self._unsettled = fleet.members, set(fleet.ids)
         row_of, where, edges = fleet.row_of, self.where, self._network.edges
-        outside = [name for name in self._unsettled if name in row_of and where[name][0] in edges]  # of junctions
-        for row in sorted(map(row_of.__getitem__, outside)):
+        # Inside junctions there is nothing to set.
+        on_edges = [name for name in self._unsettled if name in row_of and where[name][0] in edges]
+        for row in sorted(map(row_of.__getitem__, on_edges)):
             member = fleet.members[row]
             # A SUMO-driven one keeps to the route that it was given.
             if (fleet.native[row] and not member.route.closed) or self._is_settled(member):
                 self._unsettled.remove(member.id)
 
     def _is_settled(self, member: Member) -> bool:
-        """Set a member's route in SUMO, where it is not; False: it must be tried again after the next step.
+        """Set the route of a member outside junctions in SUMO, where it is not; False: try again after the next step.
 
         Other drivers judge right of way by the route. Moving a vehicle off its route replaces the route.
         """
