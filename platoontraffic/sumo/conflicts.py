@@ -200,7 +200,7 @@ class Conflicts:
                             before, via, place.own, place.its, merges, is_first, waits, fastest, touches, blocks=blocks
                         )
                     )
-        curvature = _curvature(own)
+        curvature = _curvature(own.points, round(1 / SAMPLED))
         is_sharp = curvature > SHARP / model.turning_radius
         met = {one.via[0] for one in crossings}
         found = _swung_over(line, model, width, met, network, sumo, paths) if is_sharp else []
@@ -425,9 +425,8 @@ def _sampled(line: np.ndarray, step: float) -> Sampled:
 
 def _met(one: Sampled, other: Sampled, apart: float) -> tuple[Span, Span] | None:
     """Where each of two lines is less than a distance [m] from points of the other; None: nowhere."""
-    first, last = _near(one.points, other.points, apart)
-    rows = np.flatnonzero(last >= 0)
-    return (_span(one, rows[0], rows[-1]), _span(other, first[rows].min(), last.max())) if len(rows) else None
+    begin, end, its_begin, its_end = _spans(*one, *other, apart)
+    return ((begin, end), (its_begin, its_end)) if begin < math.inf else None
 
 
 def _places(own: Sampled, other: Sampled, apart: float, between: float) -> Iterator[Place]:
@@ -570,6 +569,19 @@ def _parts(stations, points, others, apart, between):
 
 
 @compiled
+def _curvature(points, half):
+    """Greatest curvature of a line through points at equal distances, (k, 2), over so many of these each way [1/m]."""
+    greatest = 0.0
+    for k in range(half, len(points) - half):
+        x, y = points[k, 0] - points[k - half, 0], points[k, 1] - points[k - half, 1]
+        onward_x, onward_y = points[k + half, 0] - points[k, 0], points[k + half, 1] - points[k, 1]
+        turn = math.atan2(onward_y, onward_x) - math.atan2(y, x)
+        turn = abs((turn + math.pi) % (2 * math.pi) - math.pi)
+        greatest = max(greatest, turn / (math.hypot(x, y) / 2 + math.hypot(onward_x, onward_y) / 2))
+    return greatest
+
+
+@compiled
 def _first_near(stations, points, others, apart):
     """The first station (k,) of points (k, 2) where one of other points (l, 2) is less than a distance from it; inf:
     nowhere."""
@@ -587,17 +599,6 @@ def _first_touch(stations, middle, left, right, others, apart):
     """The least `_first_near` of three lines of points, (k, 2) each."""
     first = min(_first_near(stations, middle, others, apart), _first_near(stations, left, others, apart))
     return min(first, _first_near(stations, right, others, apart))
-
-
-def _curvature(line: Sampled) -> float:
-    """Greatest curvature of a line over one lane width each way [1/m]."""
-    points, half = line.points, round(1 / SAMPLED)
-    if len(points) < 2 * half + 1:
-        return 0.0
-    one, two = points[half:-half] - points[: -2 * half], points[2 * half :] - points[half:-half]
-    turn = np.arctan2(two[:, 1], two[:, 0]) - np.arctan2(one[:, 1], one[:, 0])
-    bend = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) / (np.hypot(*one.T) / 2 + np.hypot(*two.T) / 2)
-    return float(bend.max())
 
 
 def _links(before: str, sumo: Client) -> Iterator[tuple[tuple[str, ...], str]]:

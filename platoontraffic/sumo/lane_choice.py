@@ -65,6 +65,7 @@ class LaneChoice:
         self._network, self._now, self._room = network, now, room
         self._times = Once(lambda edges: network.lane_times(edges))  # of routes, by their edges
         self._slow = Once(self._slow_on)  # at this look, by lane
+        self._has_others = Once(lambda lane: _has_others(lane, network))  # on its edge, by lane
         self._due = -math.inf
         self._since: dict[str, float] = {}  # when members last chose another lane [s]
         self._chosen: list[_Chosen] = []
@@ -78,9 +79,15 @@ class LaneChoice:
         """Whether to look in this step. time: SUMO's clock [s]"""
         return time > self._due - 1e-6
 
-    def look(self, fleet: Fleet, egos: Iterable[Ego], time: float) -> None:
-        """Find members for which another lane is better. egos: members with a law that is given lines, as they drive"""
+    def look(self, fleet: Fleet, lanes: Iterable[str], egos: Iterable[Ego], time: float) -> None:
+        """Find members for which another lane is better.
+
+        lanes: of the members with a law that is given lines
+        egos : these members, as they drive; not asked for where no edge has another lane
+        """
         self._due = time + EVERY
+        if not any(map(self._has_others.__getitem__, lanes)):
+            return
         self._slow.clear()
         self._since = {name: since for name, since in self._since.items() if time - since < STAYS_FOR}
         self._may_stay = {name: lane for name, lane in self._may_stay.items() if name in fleet.row_of}
@@ -90,7 +97,7 @@ class LaneChoice:
         front = dict(zip(progress.rows.tolist(), (progress.station + progress.front).tolist(), strict=True))
         for head, behind in _together(fleet, asking.keys()).items():
             first = asking.get(fleet.ids[head])
-            if first is None or first.id in self._since or first.length < FULL_SIZE:
+            if first is None or first.id in self._since or first.length < FULL_SIZE or not self._has_others[first.lane]:
                 continue
             rows = [head, *(row for row in behind if fleet.ids[row] in asking)]
             if chosen := self._choose([(asking[fleet.ids[row]], front[row]) for row in rows]):
@@ -180,6 +187,11 @@ class LaneChoice:
     def _slow_on(self, lane: str) -> list[str]:
         """The vehicles on a lane that are slow."""
         return [name for name in self._now.on_lane[lane] if self._now.speed[name] < QUEUE_SPEED]
+
+
+def _has_others(lane: str, network: Network) -> bool:
+    """Whether the edge of a lane has other lanes; False in a junction, and off the road."""
+    return lane[:1] not in ("", ":") and network.number_of_lanes(edge_of(lane)) > 1
 
 
 def _together(fleet: Fleet, choose: Set[str]) -> dict[int, list[int]]:

@@ -137,7 +137,8 @@ class StopLines:
         front = axle + (fleet.model.length / 2 - fleet.model.axle)[rows]
         speed = fleet.motion.speed[rows]
         if looks:
-            is_far, state = self._far.still(front, speed, [roads[ego.id][1] for ego in asking])
+            lanes = [roads[ego.id][1] for ego in asking]
+            is_far, state = self._far.still(front, speed, lanes)
             judged = ~is_far | self._far.by_light | (self._far.changes & (speed < self._slow))
             if self._stops:
                 judged |= [ego.id in self._stops for ego in asking]
@@ -154,12 +155,11 @@ class StopLines:
         for values, column in zip(signals, state, strict=True):
             values[rows] = column
         if looks and self._choice.is_due(time := self._sumo.simulation.getTime()):
-            drive = zip(asking, rows.tolist(), speed.tolist(), axle.tolist(), strict=True)
+            drive = zip(asking, lanes, rows.tolist(), speed.tolist(), axle.tolist(), strict=True)
             egos = (
-                ego.driving(roads[ego.id][1], speed, 0.0, fleet.members[row].route, axle)
-                for ego, row, speed, axle in drive
+                ego.driving(lane, speed, 0.0, fleet.members[row].route, axle) for ego, lane, row, speed, axle in drive
             )
-            self._choice.look(fleet, egos, time)
+            self._choice.look(fleet, lanes, egos, time)
         return signals
 
     def _judge(
