@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -154,6 +154,16 @@ class Conflicts:
         return tuple(dict.fromkeys(via for one in self.crossings for via in one.via))
 
     @cached_property
+    def last_with_priority(self) -> float:
+        """Where the own front comes to the last path of those with priority, beyond the line [m]; -inf: there is none."""
+        return _last_met(one for one in (*self.crossings, *self.narrow) if one.first)
+
+    @cached_property
+    def last_of_others(self) -> float:
+        """The same for those without priority."""
+        return _last_met(one for one in (*self.crossings, *self.narrow) if not one.first)
+
+    @cached_property
     def by_path(self) -> dict[str, list[Crossing]]:
         """The crossings with each path, by its first lane inside the junction."""
         found: dict[str, list[Crossing]] = {}
@@ -215,6 +225,12 @@ class Conflicts:
         swung = tuple(_swung_over_by_body(line, model, curvature, met, network, sumo, paths))
         narrow = (*_narrow(line, met, inner, network, sumo, paths), *(one for one in swung if one.swings))
         return cls(tuple(upstream.items()), tuple(crossings), walks, waits, bool(found), narrow, swung)
+
+
+def _last_met(crossings: Iterable[Crossing]) -> float:
+    """The farthest place where the own path meets one of others, or its front touches it [m]; -inf: none."""
+    places = (place for one in crossings for place in (one.own[0], one.touches) if place < math.inf)
+    return max(places, default=-math.inf)
 
 
 def _narrow(

@@ -7,7 +7,7 @@ import math
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import compress, repeat
-from operator import sub
+from operator import ne, not_, or_, sub
 from types import MappingProxyType
 from typing import Any
 
@@ -299,8 +299,10 @@ class Placement:
         """Read the edge and lane of every member, and note those that have entered a junction."""
         ids, where = fleet.ids, self.where
         lanes, located = list(map(direct(self._sumo.vehicle.getLaneID), ids)), self.lanes(fleet)
-        here = enumerate(zip(lanes, located, strict=True))
-        for row in [row for row, (lane, before) in here if lane != before or not lane]:  # few
+        elsewhere = map(ne, lanes, located)
+        if not all(lanes):  # some are off the road
+            elsewhere = map(or_, elsewhere, map(not_, lanes))
+        for row in [*compress(range(len(ids)), elsewhere)]:  # few
             name, lane, before = ids[row], lanes[row], located[row]
             if before and not lane and self._put_back(name, before):
                 continue

@@ -241,7 +241,8 @@ class RightOfWay:
                  once where it has nearly stopped nearer to that path, and they can pass it; inf where it can pass them,
                  or cannot stop any more
         """
-        if not (passed or self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
+        conflicts = self._conflicts[line]
+        if _is_past_all(conflicts, over, ego) or not (passed or self._all_inside[line] or conflicts.narrow):
             return math.inf
         stop, waits_until = math.inf, -over
         for foe in self._not_to_cut_off(line, over, ego, passed):
@@ -404,9 +405,9 @@ class RightOfWay:
 
     def _those_that_may_wait(self, line: Line) -> list[Approach]:
         """Vehicles of SUMO's on paths on which they wait midway in the own way, and those that enter there next."""
-        occupied, found = self._occupied[line], []
+        found: list[Approach] = []
         for crossing in self._conflicts[line].waited_on:
-            if crossing in occupied:
+            if any(map(self._now.on_lane.__getitem__, crossing.via)):
                 found += [one for one in self.on(crossing) if one.id not in self.members]
             found += self._next_on(crossing, STOPS_BY)
         return found
@@ -785,6 +786,15 @@ def _begin(crossing: Crossing) -> float:
 def _state_of(links: Iterable[Sequence], inside: str) -> str:
     """State of that one of the links of a lane which leads onto a lane inside a junction."""
     return next(link[LINK_STATE] for link in links if link[LINK_VIA] == inside)
+
+
+def _is_past_all(conflicts: Conflicts, over: float, ego: Ego) -> bool:
+    """Whether `_stop_before` is inf for all paths, as for most vehicles inside a junction. over: as there"""
+    if ego.speed < NEARLY_STANDS * ego.size:
+        return False
+    given_way, others = (ego.speed**2 / (2 * braking) for braking in (STOPS_BY, STOPS_HARD_BY))
+    driven = over + BEFORE_PATH * ego.size
+    return conflicts.last_with_priority - driven < given_way and conflicts.last_of_others - driven < others
 
 
 def _stop_before(crossing: Crossing, over: float, ego: Ego) -> float:
