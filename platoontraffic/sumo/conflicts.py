@@ -155,12 +155,12 @@ class Conflicts:
 
     @cached_property
     def last_with_priority(self) -> float:
-        """Where the own front comes to the last path of those with priority, beyond the line [m]; -inf: there is none."""
+        """Where the own front comes to the last path with priority, beyond the line [m]; -inf: there is none."""
         return _last_met(one for one in (*self.crossings, *self.narrow) if one.first)
 
     @cached_property
     def last_of_others(self) -> float:
-        """The same for those without priority."""
+        """The same of paths without priority."""
         return _last_met(one for one in (*self.crossings, *self.narrow) if not one.first)
 
     @cached_property
