@@ -123,6 +123,8 @@ def _incomplete(content: Content) -> str:
     for name, edge in content.edges.items():
         if edge.function == "normal":
             for end, junction in (("from", edge.start), ("to", edge.end)):
+                if not junction:
+                    return f"edge '{name}' does not name the junction {end} which it goes"
                 if junction not in content.junctions:
                     return f"edge '{name}' goes {end} junction '{junction}', which is missing"
     for name, shape in shapes.items():

@@ -180,15 +180,21 @@ class Recorder:
             if not is_done(self._final):
                 raise
             shutil.rmtree(self.folder)
+        shutil.rmtree(self._unfinished, ignore_errors=True)
         return self._final
 
     def keep_unfinished(self) -> Path:
         """Keep the rows in a folder beside the final one, which is returned."""
         with contextlib.suppress(OSError):  # a full disk does not take the last rows either
             self.close_tables()
-        kept = self._final.with_name(self._final.name + UNFINISHED)
+        kept = self._unfinished
         shutil.rmtree(kept, ignore_errors=True)
         return self.folder.rename(kept)
+
+    @property
+    def _unfinished(self) -> Path:
+        """The folder of an equal run that was interrupted, or failed."""
+        return self._final.with_name(self._final.name + UNFINISHED)
 
     def discard(self) -> None:
         """Remove the folder, and those above it that were made for it and are empty."""

@@ -594,6 +594,8 @@ def _incomplete(net: sumolib.net.Net) -> str:
     for edge in net.getEdges():
         reached |= {link.getViaLaneID() for links in edge.getOutgoing().values() for link in links}
         for end, node in (("from", edge.getFromNode()), ("to", edge.getToNode())):
+            if node is None:
+                return f"edge '{edge.getID()}' does not name the junction {end} which it goes"
             if node.getType() is None:
                 return f"edge '{edge.getID()}' goes {end} junction '{node.getID()}', which is missing"
         for lane in edge.getLanes():

@@ -312,6 +312,7 @@ def test_the_places_are_drawn(made, tmp_path):
     ("old", "new", "said"),
     [
         ('from="east"', 'from="nowhere"', "goes from junction 'nowhere', which is missing"),
+        ('from="east"', "", "does not name the junction from which it goes"),
         ('intLanes=":', 'intLanes=":x :', "names lane ':x', which is missing"),
         ('toLane="0"', 'toLane="7"', "_7', which is missing"),
     ],

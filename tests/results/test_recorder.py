@@ -67,6 +67,16 @@ def test_every_vehicle_of_the_tables_has_one_row_in_vehicles(tmp_path, fleet):
     assert table.laser_x_m.isna().tolist() == [False] * 5 + [True] * 2
 
 
+def test_what_an_interrupted_run_left_goes_once_an_equal_run_is_complete(tmp_path):
+    other = Recorder(tmp_path / "other").keep_unfinished()
+    Recorder(tmp_path / "run").keep_unfinished()
+    repeated = Recorder(tmp_path / "run")
+    assert (tmp_path / "run.unfinished").is_dir()
+    repeated.close_tables()
+    done = repeated.finish(replace=False)
+    assert sorted(tmp_path.iterdir()) == [other, done]
+
+
 @pytest.fixture
 def fleet() -> Fleet:
     members = [*platoon(constant(0.0), constant(1.0), 2), *platoon(constant(0.0), constant(1.0), 1, at=(0.0, 1.0, 0.0))]

@@ -298,6 +298,7 @@ def test_the_middle_line_of_the_loop_is_a_ring_through_its_nodes(loop):
     ("pattern", "new", "said"),
     [
         (r"\s*<connection .*?/>", "", "junction 'ne' has 2 requests for 0 connections"),
+        ('from="sw" to="se"', 'to="se"', "edge 'sw_se' does not name the junction from which it goes"),
         (r"<connection from=\"sw_se\".*?/>", "", "junction 'se' has 2 requests for 1 connections"),
         (r"<junction .*</junction>", "", "goes from junction 'ne', which is missing"),
         ('from="sw" to="se"', 'from="xx" to="se"', "edge 'sw_se' goes from junction 'xx', which is missing"),
