@@ -28,7 +28,7 @@ from platoontraffic.sumo.window import Window
 from platoontraffic.sumo.world import World
 from platoontraffic.world.events import Event
 
-__all__ = ["Recording", "Watcher", "Window", "is_done", "loaded", "prepare", "result_folder", "run"]
+__all__ = ["Recording", "Watcher", "Window", "is_done", "loaded", "prepare", "result_folder", "run", "try_to_load"]
 
 SUMO_WORDS = 100  # first lines of run.log that provenance.json repeats
 
@@ -198,6 +198,12 @@ class Recording:
                 raise RunError(f"{kept}: {error.strerror}; what was recorded until then is kept there") from error
             error.add_note(f"what was recorded until then is kept in {kept}")
             raise
+
+
+def try_to_load(prepared: Prepared) -> None:
+    """Have SUMO load all that a run loads, and step nothing. raises: InputError (SUMO refuses a file)"""
+    with setting_of(prepared).ground():
+        pass
 
 
 def run(

@@ -134,7 +134,10 @@ def run(
     window = runs.Window(prepared.members, prepared.scene.solids) if gui else None
     if not quiet:
         print_remarks(prepared)
-    folder = runs.result_folder(checked, results)
+    folder, what = runs.result_folder(checked, results), f"{checked.spec.name} ({runs.loaded(checked)})"
+    if dry_run:
+        with one_line_at_death(what):
+            runs.try_to_load(prepared)
     if dry_run and json:
         print_json({"folder": str(folder), "members": len(prepared.members), "done": (folder / "DONE").is_file()})
         return
@@ -154,7 +157,6 @@ def run(
                 err.print("another process executes this run; this one waits for it", soft_wrap=True)
 
         progress = run_progress(checked.spec.run.duration_s, checked.spec.name, quiet)
-        what = f"{checked.spec.name} ({runs.loaded(checked)})"
         with alone(folder, waits, say), one_line_at_death(what), progress as watchers:
             if force or not runs.is_done(folder):
                 runs.run(prepared, folder, watchers, replace=force, window=window, say=say)
@@ -298,7 +300,8 @@ def check(
     no_plugins: NoPlugins = False,
     json: Json = False,
 ) -> None:
-    """Report the faults of scenario and study files; simulate nothing, but run the code of their plug-ins."""
+    """Report the faults of scenario and study files; simulate nothing, but have SUMO load the files of scenarios, and
+    run the code of plug-ins."""
     faults: dict[str, tuple[str, ...]] = {}  # by file
     changes = [argument for argument in files if "=" in argument and not os.path.exists(argument)]
     if len(changes) == len(files):
@@ -333,7 +336,10 @@ def _checked(name: str, changes: list[str], platoons: str | None, before_code: B
     if study.is_study(name):
         return f"fine, {counted(len(study.load(name, changes, before_code).runs), 'run')}"
     checked = scenarios.load(name, changes, platoons=platoons, before_code=before_code)
-    print_remarks(_runs().prepare(checked))
+    runs = _runs()
+    print_remarks(prepared := runs.prepare(checked))
+    with one_line_at_death(f"{checked.spec.name} ({runs.loaded(checked)})"):
+        runs.try_to_load(prepared)
     return "fine"
 
 

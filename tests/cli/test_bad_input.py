@@ -311,6 +311,24 @@ def test_edges_of_routes_must_be_in_the_network(tmp_path: Path):
     assert second.startswith(f"{file}: 'v': no edge 'nowhere'")
 
 
+@pytest.mark.sumo
+@pytest.mark.parametrize(
+    ("demand", "said"),
+    [
+        ('<trip id="t" type="nope" depart="900" from="A0_A1" to="A1_A2"/>', "The vehicle type 'nope' for vehicle 't'"),
+        ('<flow id="f" begin="0" end="9" vehsPerHour="-5" from="A0_A1" to="A1_A2"/>', "Invalid repetition rate in"),
+    ],
+)
+def test_what_sumo_refuses_is_found_without_a_run(tmp_path: Path, demand: str, said: str):
+    file = tmp_path / "mine.rou.xml"
+    file.write_text(f"<routes>{demand}</routes>")
+    (tmp_path / "mine.toml").write_text(
+        'sumo = { net = "grid", routes = ["mine.rou.xml"] }\nrun.duration_s = 10\n[[equip]]\nshare = 0.5\n'
+    )
+    for command in (("check",), ("run", "--dry-run")):
+        assert_refused(call(*command, tmp_path / "mine.toml"), f"{file}: SUMO refuses it: {said}")
+
+
 @pytest.mark.parametrize(
     ("edges", "lane", "said"),
     [
