@@ -19,7 +19,7 @@ from platoontraffic.results import provenance
 from platoontraffic.results.columns import STATISTICS
 from platoontraffic.results.conclusion import MetricError, conclude, scene
 from platoontraffic.results.own_copies import take_own_copies
-from platoontraffic.results.recorder import Clocks, Recorder, is_done
+from platoontraffic.results.recorder import Clocks, Recorder, check_place, is_done
 from platoontraffic.results.sumo_refusal import loaded
 from platoontraffic.scenario import Scenario
 from platoontraffic.scenario.drivers import key_of
@@ -28,7 +28,10 @@ from platoontraffic.sumo.window import Window
 from platoontraffic.sumo.world import World
 from platoontraffic.world.events import Event
 
-__all__ = ["Recording", "Watcher", "Window", "is_done", "loaded", "prepare", "result_folder", "run", "try_to_load"]
+__all__ = [
+    "Recording", "Watcher", "Window", "check_place", "is_done", "loaded", "prepare", "result_folder", "run",
+    "try_to_load",
+]  # fmt: skip
 
 SUMO_WORDS = 100  # first lines of run.log that provenance.json repeats
 

@@ -136,6 +136,7 @@ def run(
         print_remarks(prepared)
     folder, what = runs.result_folder(checked, results), f"{checked.spec.name} ({runs.loaded(checked)})"
     if dry_run:
+        runs.check_place(folder.parent)
         with one_line_at_death(what):
             runs.try_to_load(prepared)
     if dry_run and json:
@@ -221,6 +222,9 @@ def batch(
     loaded = studies.load(study, changes or (), _before_code(no_plugins, None if dry_run else results))
     folder, slots = results / loaded.name, slots or os.cpu_count() or 1
     if dry_run:
+        from platoontraffic.results.recorder import check_place
+
+        check_place(folder)
         print_runs(loaded, folder, 1 if executor == "serial" else slots, executor, json, part, retry_failed)
         return
     limits = batches.Limits(timeout, memory)

@@ -7,6 +7,7 @@ interrupted or fails keeps its rows, in a folder with a name that ends in `.unfi
 from __future__ import annotations
 
 import contextlib
+import errno
 import fnmatch
 import glob
 import itertools
@@ -21,7 +22,7 @@ from typing import Any, NamedTuple, TextIO
 import pandas as pd
 
 from platoontraffic.analysis.reading import read_table
-from platoontraffic.errors import kind_of
+from platoontraffic.errors import InputError, RunError, kind_of
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import csv_text
 from platoontraffic.results.columns import EVENTS, PASSAGES, TRAFFIC, TRAJECTORIES, VEHICLES, Column
@@ -60,6 +61,18 @@ class Clocks(NamedTuple):
 EVERY_STEP = Clocks()
 
 
+def check_place(folder: Path) -> None:
+    """Check that results can be written into a folder, which may not exist yet. raises: InputError, RunError"""
+    there = next(one for one in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(one))
+    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        number = errno.EACCES if there.is_dir() else errno.ENOTDIR
+        raise _not_written(folder, OSError(number, os.strerror(number)))
+
+
+def _not_written(folder: Path, error: OSError) -> InputError | RunError:
+    return kind_of(error)(f"{folder}: results cannot be written: {error.strerror}")
+
+
 class Recorder:
     """The folder of a run while it is written."""
 
@@ -79,7 +92,7 @@ class Recorder:
             self._passages = self._open("passages.csv", PASSAGES) if clocks.passages else None
             self._scans = ScanRecorder(self.folder) if clocks.scans else None
         except OSError as error:
-            raise kind_of(error)(f"{folder.parent}: results cannot be written: {error.strerror}") from error
+            raise _not_written(folder.parent, error) from error
 
     def _goes_to(self, folder: Path) -> None:
         self._final = folder

@@ -55,6 +55,13 @@ def test_a_dry_run_starts_nothing(tmp_path):
     done = call("run", "paper_loop", "--dry-run", "--out", tmp_path)
     assert (done.exit_code, list(tmp_path.iterdir())) == (0, [])
     assert "fine, 5 members" in done.stdout
+    (tmp_path / "taken").write_text("")
+    then = "--branch-at", 2, "--then", "platoon.follower.group_step_m=0.05"
+    for command in (("run", "paper_loop"), ("run", "paper_loop", *then), ("batch", "capacity")):
+        refused = call(*command, "--dry-run", "--out", tmp_path / "taken")
+        assert (refused.exit_code, refused.stdout, refused.stderr.count("\n")) == (2, "", 1)
+        assert "taken" in refused.stderr
+        assert "results cannot be written: Not a directory" in refused.stderr
     assert "fine, members of the traffic's share; would" in call("run", "penetration", "--dry-run").stdout
 
 
