@@ -1,7 +1,8 @@
 """What a step costs above its floor: SUMO's step with the members moved and read, and nothing else.
 
-A simulation is stepped, and where its members were is noted. In a new world of the same scenario they are then moved
-there by bare calls of SUMO. Both are in one process and have one thread.
+A simulation is stepped, and where its members were is noted. In another process, in a world of the same scenario, they
+are then moved there by bare calls of SUMO. The two take turns of `TURN` steps: the speed of a machine changes within a
+minute, and by more than a step costs above its floor. Each has one thread.
 """
 
 from __future__ import annotations
@@ -9,20 +10,25 @@ from __future__ import annotations
 import cProfile
 import pstats
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from platoontraffic import scenario
-from platoontraffic.simulation import Instant, Simulation, prepare, setting_of
+from platoontraffic.errors import RunError
+from platoontraffic.simulation import Instant, Setting, Simulation, prepare, setting_of
 from platoontraffic.sumo.client import libsumo
 from platoontraffic.sumo.frame import front_of, sumo_angle
 from platoontraffic.sumo.placement import ANY_LANE, EXACTLY
-from platoontraffic.world.prepared import Prepared, departures
 
 # Steps before those that are measured, in which members come to most junctions that they meet often; and steps of which
 # the calls are counted.
 WARM_UP, COUNTED = 300, 100
+TURN = 50  # steps
 
 
 class Scene(NamedTuple):
@@ -74,27 +80,32 @@ def above(
 
     platoons: their file, where the source is a SUMO configuration
     """
-    prepared = prepare(scenario.load(source, changes, platoons=platoons))
-    poses: list[list[Pose]] = []
-    with Simulation(setting_of(prepared)) as simulation:
+    loop = floor = 0.0
+    with _floor_of(source, changes, platoons) as moved, Simulation(_setting(source, changes, platoons)) as simulation:
         simulation.reset()
-        for _ in range(WARM_UP):
-            poses.append(_poses(simulation.step()))
-        loop = 0.0
-        for _ in range(steps):
-            began = time.process_time()
-            now = simulation.step()
-            loop += time.process_time() - began
-            poses.append(_poses(now))
+        last = WARM_UP + steps
+        for first, end in pairwise([*range(0, WARM_UP, TURN), *range(WARM_UP, last, TURN), last]):
+            poses, spent = [], 0.0
+            for _ in range(first, end):
+                began = time.process_time()
+                now = simulation.step()
+                spent += time.process_time() - began
+                poses.append(_poses(now))
+            of_floor = moved(poses)
+            if first >= WARM_UP:
+                loop, floor = loop + spent, floor + of_floor
         counted = cProfile.Profile()
         counted.enable()
         for _ in range(COUNTED):
             simulation.step()
         counted.disable()
-    loop_ms, floor_ms = 1e3 * loop / steps, 1e3 * _floor(prepared, poses)
-    n = len(poses[-1])
+    loop_ms, floor_ms, n = 1e3 * loop / steps, 1e3 * floor / steps, len(_poses(now))
     calls = pstats.Stats(counted).total_calls / COUNTED
     return Above(name, n, floor_ms, loop_ms, loop_ms - floor_ms, 1e3 * (loop_ms - floor_ms) / n, calls)
+
+
+def _setting(source: str | Path, changes: Sequence[str], platoons: str | Path | None) -> Setting:
+    return setting_of(prepare(scenario.load(source, changes, platoons=platoons)))
 
 
 def _poses(now: Instant) -> list[Pose]:
@@ -106,18 +117,45 @@ def _poses(now: Instant) -> list[Pose]:
     return [Pose(*values) for *values, native in moved if not native]
 
 
-def _floor(prepared: Prepared, poses: Sequence[Sequence[Pose]]) -> float:
-    """CPU time of a step after WARM_UP in which members are moved to these poses and read [s]."""
-    setting, vehicle = setting_of(prepared), libsumo.vehicle
-    with setting.ground() as world:
-        world.deploy(*departures(prepared.members, setting.dt))
-        for k, step in enumerate(poses):
-            if k == WARM_UP:
-                began = time.process_time()
-            for one in step:
-                vehicle.moveToXY(one.id, *ANY_LANE, one.x, one.y, one.angle, *EXACTLY)
-            libsumo.simulationStep()
-            for one in step:
-                vehicle.setPreviousSpeed(one.id, one.speed)
-                vehicle.getLaneID(one.id)
-        return (time.process_time() - began) / (len(poses) - WARM_UP)
+@contextmanager
+def _floor_of(*arguments: Any) -> Iterator[Callable[[Sequence[Sequence[Pose]]], float]]:
+    """A process in which members are moved to their poses, a step after the other; returns its CPU time [s].
+
+    arguments: of `_setting`
+
+    raises: RunError (it has died)
+    """
+    ours, theirs = get_context("spawn").Pipe()
+    process = get_context("spawn").Process(target=_floor, args=(theirs, *arguments))
+    process.start()
+    theirs.close()
+
+    def moved(poses: Sequence[Sequence[Pose]]) -> float:
+        try:
+            ours.send(poses)
+            return ours.recv()
+        except (EOFError, OSError) as error:
+            raise RunError("a process of the benchmark died: the floor") from error
+
+    try:
+        yield moved
+    finally:
+        ours.close()
+        process.join()
+
+
+def _floor(theirs: Connection, *arguments: Any) -> None:
+    setting, vehicle = _setting(*arguments), libsumo.vehicle
+    with suppress(EOFError, KeyboardInterrupt), setting.ground() as world:
+        world.deploy(*setting.departures)
+        while True:
+            poses = theirs.recv()
+            began = time.process_time()
+            for step in poses:
+                for one in step:
+                    vehicle.moveToXY(one.id, *ANY_LANE, one.x, one.y, one.angle, *EXACTLY)
+                libsumo.simulationStep()
+                for one in step:
+                    vehicle.setPreviousSpeed(one.id, one.speed)
+                    vehicle.getLaneID(one.id)
+            theirs.send(time.process_time() - began)
