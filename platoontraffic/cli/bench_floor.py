@@ -1,8 +1,8 @@
 """What a step costs above its floor: SUMO's step with the members moved and read, and nothing else.
 
 A simulation is stepped, and where its members were is noted. In another process, in a world of the same scenario, they
-are then moved there by bare calls of SUMO. The two take turns of `TURN` steps: the speed of a machine changes within a
-minute, and by more than a step costs above its floor. Each has one thread.
+are then moved there by bare calls of SUMO. The two take turns of `TURN` steps, because the speed of a machine changes
+within a minute. Each has one thread.
 """
 
 from __future__ import annotations

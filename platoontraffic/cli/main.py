@@ -304,8 +304,8 @@ def check(
     no_plugins: NoPlugins = False,
     json: Json = False,
 ) -> None:
-    """Report the faults of scenario and study files; simulate nothing, but have SUMO load the files of scenarios, and
-    run the code of plug-ins."""
+    """Report the faults of scenario and study files. Nothing is simulated, but SUMO loads the files of scenarios, and
+    the code of plug-ins runs."""
     faults: dict[str, tuple[str, ...]] = {}  # by file
     changes = [argument for argument in files if "=" in argument and not os.path.exists(argument)]
     if len(changes) == len(files):

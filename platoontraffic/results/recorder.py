@@ -63,7 +63,8 @@ EVERY_STEP = Clocks()
 
 def check_place(folder: Path) -> None:
     """Check that results can be written into a folder, which may not exist yet. raises: InputError, RunError"""
-    there = next(one for one in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(one))
+    whole = folder.absolute()
+    there = next((one for one in (whole, *whole.parents) if os.path.lexists(one)), whole)
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
         number = errno.EACCES if there.is_dir() else errno.ENOTDIR
         raise _not_written(folder, OSError(number, os.strerror(number)))

@@ -32,7 +32,16 @@ from platoontraffic.sumo.far_lines import FarLines
 from platoontraffic.sumo.lane_choice import LaneChoice
 from platoontraffic.sumo.letting_in import Stop
 from platoontraffic.sumo.reads import Once, Reads
-from platoontraffic.sumo.right_of_way import BEFORE_PATH, LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
+from platoontraffic.sumo.right_of_way import (
+    BEFORE_PATH,
+    LETS_IN_FOR,
+    LETS_IN_LONGEST,
+    NEARLY_STANDS,
+    Approach,
+    RightOfWay,
+    _is_past_all,
+    _stop_before,
+)
 from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
 from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, NO_ROOM, RIGHT_OF_WAY, LineState, StopLines, _not_made
 from platoontraffic.sumo.world import World
@@ -55,6 +64,23 @@ class Members(SimpleNamespace):
 
     def __len__(self) -> int:
         return len(self.ids)
+
+
+def test_who_is_past_all_paths_can_stop_before_none_of_them_and_the_other_way_round():
+    rng, past = np.random.default_rng(3), 0
+    for _ in range(2000):
+        paths = []
+        for first in rng.random(rng.integers(4)) < 0.5:
+            own, touches = (float(rng.uniform(0, 20)), 25.0), float(rng.choice([rng.uniform(0, 20), np.inf]))
+            paths.append(Crossing("before", ("via",), own, own, False, bool(first), np.inf, 10.0, touches))
+        cut = rng.integers(len(paths) + 1)
+        found = Conflicts((), tuple(paths[:cut]), (), np.inf, narrow=tuple(paths[cut:]))
+        over, ego = float(rng.uniform(-20, 20)), Ego("ego", "lane", float(rng.uniform(0, 15)), 5.0)
+        is_past = _is_past_all(found, over, ego)
+        if ego.speed >= NEARLY_STANDS * ego.size:
+            assert is_past == all(np.isinf(_stop_before(path, over, ego)) for path in paths)
+        past += is_past
+    assert 200 < past < 1800
 
 
 NOBODY = Members(members=(), ids=(), progress=SimpleNamespace(rows=np.arange(0), station=np.zeros(0)))
