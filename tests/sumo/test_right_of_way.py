@@ -620,7 +620,7 @@ def test_a_vehicle_in_the_junction_that_is_slower_than_it_was_to_be_stops_for_th
     """One that had set out in a gap was held up by a vehicle that stood inside, and drove on before the next one."""
     line = Line(100.0, passed, "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (5.0, 12.0), False, True, np.inf, 10.0)
-    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: Conflicts((), (), (), np.inf)})
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: Conflicts((), (crossing,), (), np.inf)})
     way._now = SimpleNamespace(on_lane=Once(lambda _: []), length={"c": 5.0})
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, to_line, Pace(foe_speed))])
     monkeypatch.setattr(RightOfWay, "pace", lambda *_: Pace(own, 1.0 if own == 0 else 0.0, 5.0))
