@@ -12,11 +12,11 @@ from rich.table import Table
 from platoontraffic.branches.process import can_fork
 from platoontraffic.branches.runs import Branch, Ended, Source, check_has_no_branch, run_branches
 from platoontraffic.cli.alone import alone
-from platoontraffic.cli.last_resort import one_line_at_death
+from platoontraffic.cli.last_resort import try_to_load
 from platoontraffic.cli.printing import document, out, print_json, print_remarks, print_wide, replay_of, result_faults
 from platoontraffic.cli.progress import RunBar, err, run_progress, say
 from platoontraffic.errors import InputError, RunError
-from platoontraffic.recording import check_place, is_done, loaded, result_folder, run, try_to_load
+from platoontraffic.recording import check_place, is_done, result_folder, run
 from platoontraffic.scenario import Change
 from platoontraffic.scenario.overrides import branch_of, check_once
 from platoontraffic.world.prepared import Prepared, branched
@@ -43,8 +43,7 @@ def run_with_branches(
     folders = [folder, *(branch.folder for branch, _ in made)]
     if dry_run:
         check_place(folder.parent)
-        with one_line_at_death(f"{prepared.scenario.spec.name} ({loaded(prepared.scenario)})"):
-            try_to_load(prepared)
+        try_to_load(prepared)
         if json:
             print_json({"folders": [{"folder": str(one), "done": is_done(one)} for one in folders]})
         else:

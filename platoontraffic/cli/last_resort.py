@@ -10,8 +10,12 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from platoontraffic.errors import shortened
+
+if TYPE_CHECKING:
+    from platoontraffic.world.prepared import Prepared
 
 LONGEST = 300  # text of an exception in its line [characters]
 
@@ -22,7 +26,7 @@ import sys, tempfile
 words = sys.stdin.buffer.read()
 if words != b"ended":
     cause = words.decode(errors="replace").partition("\\n")[0].partition(": ")[2]
-    line = f"{sys.argv[1]}: the process died in the middle of the run ({cause.lower() or 'killed, or ended by a law'})"
+    line = f"{sys.argv[1]}: the process died {sys.argv[2]} ({cause.lower() or 'killed, or ended by a law'})"
     try:
         with tempfile.NamedTemporaryFile(prefix="platoontraffic-", suffix=".txt", delete=False) as file:
             file.write(line.encode(errors="replace") + b"\\n" + words)
@@ -55,14 +59,14 @@ def line_of(error: Exception) -> str:
 
 
 @contextlib.contextmanager
-def one_line_at_death(loaded: str) -> Iterator[None]:
+def one_line_at_death(loaded: str, when: str = "in the middle of the run") -> Iterator[None]:
     """Say one line on stderr if this process dies by a signal: SUMO dies of some input.
 
-    loaded: the files that SUMO has loaded, for that line
+    loaded, when: the files that SUMO has loaded, or loads, and what it was doing; for that line
     """
     try:
         watcher = subprocess.Popen(
-            [sys.executable, "-I", "-S", "-c", _WATCHER, loaded], stdin=subprocess.PIPE, start_new_session=True
+            [sys.executable, "-I", "-S", "-c", _WATCHER, loaded, when], stdin=subprocess.PIPE, start_new_session=True
         )
     except OSError:  # a run needs no second process
         yield
@@ -76,3 +80,12 @@ def one_line_at_death(loaded: str) -> Iterator[None]:
             os.write(watcher.stdin.fileno(), b"ended")
             watcher.stdin.close()
         watcher.wait()
+
+
+def try_to_load(prepared: Prepared) -> None:
+    """Have SUMO load all that a run loads, and step nothing. raises: InputError (SUMO refuses a file)"""
+    from platoontraffic import recording
+
+    scenario = prepared.scenario
+    with one_line_at_death(f"{scenario.spec.name} ({recording.loaded(scenario)})", "while SUMO loaded its files"):
+        recording.try_to_load(prepared)

@@ -19,7 +19,7 @@ import typer
 import platoontraffic
 from platoontraffic import shipped
 from platoontraffic.cli.commands import commands_of
-from platoontraffic.cli.last_resort import one_line_at_death
+from platoontraffic.cli.last_resort import one_line_at_death, try_to_load
 from platoontraffic.cli.nets import nets_app
 from platoontraffic.cli.printing import (
     document,
@@ -134,11 +134,10 @@ def run(
     window = runs.Window(prepared.members, prepared.scene.solids) if gui else None
     if not quiet:
         print_remarks(prepared)
-    folder, what = runs.result_folder(checked, results), f"{checked.spec.name} ({runs.loaded(checked)})"
+    folder = runs.result_folder(checked, results)
     if dry_run:
         runs.check_place(folder.parent)
-        with one_line_at_death(what):
-            runs.try_to_load(prepared)
+        try_to_load(prepared)
     if dry_run and json:
         print_json({"folder": str(folder), "members": len(prepared.members), "done": (folder / "DONE").is_file()})
         return
@@ -158,6 +157,7 @@ def run(
                 err.print("another process executes this run; this one waits for it", soft_wrap=True)
 
         progress = run_progress(checked.spec.run.duration_s, checked.spec.name, quiet)
+        what = f"{checked.spec.name} ({runs.loaded(checked)})"
         with alone(folder, waits, say), one_line_at_death(what), progress as watchers:
             if force or not runs.is_done(folder):
                 runs.run(prepared, folder, watchers, replace=force, window=window, say=say)
@@ -340,10 +340,8 @@ def _checked(name: str, changes: list[str], platoons: str | None, before_code: B
     if study.is_study(name):
         return f"fine, {counted(len(study.load(name, changes, before_code).runs), 'run')}"
     checked = scenarios.load(name, changes, platoons=platoons, before_code=before_code)
-    runs = _runs()
-    print_remarks(prepared := runs.prepare(checked))
-    with one_line_at_death(f"{checked.spec.name} ({runs.loaded(checked)})"):
-        runs.try_to_load(prepared)
+    print_remarks(prepared := _runs().prepare(checked))
+    try_to_load(prepared)
     return "fine"
 
 

@@ -7,10 +7,10 @@ from itertools import pairwise
 import pytest
 
 from platoontraffic import scenario, shipped, simulation
-from platoontraffic.cli import bench
+from platoontraffic.cli import bench, bench_floor
 from platoontraffic.cli.bench import ROUTE_EDGES, SIZE, STAGES, Plan, Spent, Town
 from platoontraffic.cli.bench_floor import COUNTED, WARM_UP, Above, above
-from platoontraffic.errors import MissingError
+from platoontraffic.errors import MissingError, RunError
 from platoontraffic.sumo import programs
 
 PLATOONS = """
@@ -199,6 +199,12 @@ def test_the_floor_of_a_step_is_that_of_the_same_movements(folder):
     assert min(found.floor_ms, found.loop_ms) > 0
     assert found.above_ms == pytest.approx(found.loop_ms - found.floor_ms)
     assert found.calls > 10 * SMALL.members
+
+
+@pytest.mark.slow
+def test_a_floor_that_dies_is_an_error():
+    with bench_floor._floor_of("nowhere.toml", (), None) as moved, pytest.raises(RunError, match="died: the floor"):
+        moved([])
 
 
 @pytest.mark.slow
