@@ -9,7 +9,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.observation import nearby_kernel
-from platoontraffic.observation.nearby_kernel import in_order_of_x, nearby
+from platoontraffic.observation.nearby_kernel import in_cells, nearby, put_in_order
 
 EQUAL = 1e-9  # distances that differ by less are equal [m]
 
@@ -49,14 +49,16 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
     for k in range(len(bodies.x)):
         radius[k] = math.hypot(bodies.half_length[k], bodies.half_width[k])
         fastest, largest = max(fastest, abs(bodies.speed[k])), max(largest, radius[k])
-    order = in_order_of_x(bodies.x, bodies.y)
+    cells = in_cells(bodies.x, bodies.y)
     rows = np.empty(len(radius), np.intp)
     for i in range(n):
         clearance[i], closest[i], contact_in[i] = math.nan, -1, math.nan
         least, soonest = reach, horizon
         widest = radius[i] + largest + max(reach, (abs(bodies.speed[i]) + fastest) * horizon)
         vx, vy = bodies.speed[i] * bodies.cos[i], bodies.speed[i] * bodies.sin[i]
-        for k in rows[: nearby(bodies.x[i], bodies.y[i], order, widest, rows)]:
+        count_near = nearby(bodies.x[i], bodies.y[i], cells, widest, rows)
+        put_in_order(rows[:count_near])
+        for k in rows[:count_near]:
             if k == i:
                 continue
             dx, dy = bodies.x[k] - bodies.x[i], bodies.y[k] - bodies.y[i]

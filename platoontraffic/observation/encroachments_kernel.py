@@ -13,7 +13,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.observation import nearby_kernel
-from platoontraffic.observation.nearby_kernel import in_order_of_x, nearby
+from platoontraffic.observation.nearby_kernel import in_cells, nearby, put_in_order
 
 HALVINGS = 12  # of a step, to find the instant within it
 CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
@@ -104,16 +104,20 @@ def meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found):
         old_x[k], old_y[k] = oldest[X], oldest[Y]
         radius[k] = math.hypot(trails.half_length[s], trails.half_width[s])
         longest, widest = max(longest, length[k]), max(widest, radius[k])
-    order = in_order_of_x(x, y)
+    cells = in_cells(x, y)
     near = np.empty(bodies, np.intp)
     for i in range(n):
         a, now.count[seat[i]] = slot[i], 0
-        for k in near[: nearby(x[i], y[i], order, radius[i] + widest + longest, near)]:
+        met = 0
+        for k in near[: nearby(x[i], y[i], cells, radius[i] + widest + longest, near)]:
             reach = radius[i] + radius[k] + max(length[i], length[k])
             if abs(x[k] - x[i]) > reach or abs(y[k] - y[i]) > reach:
                 continue
-            if k < n and (k <= i or platoon[k] == platoon[i]):
-                continue
+            if k >= n or (k > i and platoon[k] != platoon[i]):
+                near[met] = k
+                met += 1
+        put_in_order(near[:met])
+        for k in near[:met]:
             b = slot[k]
             for is_first in range(2):
                 one, other = (k, i) if is_first else (i, k)  # the second, the first

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
+from platoontraffic.geometry.strips import Strips
 from platoontraffic.observation.step import Step
 from platoontraffic.vehicles.records import every
 from platoontraffic.world.events import OFF_ROAD_DISTANCE, Event
@@ -17,7 +18,7 @@ class OffRoad:
 
     def __init__(self, drivable: shapely.Geometry, scale: np.ndarray) -> None:
         """scale: size of each member beside a car, (N,); OFF_ROAD_DISTANCE shrinks with it"""
-        self._drivable, self._scale = drivable, scale
+        self._drivable, self._strips, self._scale = drivable, Strips(drivable), scale
         self.distance = np.zeros(len(scale))  # of the driven axle from the drivable area [m]; 0 in it
         self._since = np.full(len(scale), np.nan)  # [s]; NaN: on the road
         self._entered = np.zeros(len(scale), dtype=bool)  # SUMO inserts vehicles with their rear before the first lane
@@ -26,7 +27,7 @@ class OffRoad:
     def observe(self, step: Step) -> Iterator[Event]:
         """off_road, on_road"""
         number = step.fleet.number
-        on_road = shapely.contains_xy(self._drivable, step.x, step.y)
+        on_road = self._strips.contain(step.x, step.y)
         if not self._any_off and every(on_road):
             self._entered[number] = True
             return

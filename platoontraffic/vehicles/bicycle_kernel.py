@@ -31,6 +31,22 @@ class _Pace(NamedTuple):
     braking: float  # brake [m/s2]
 
 
+class _Lag(NamedTuple):
+    """Of first order with a bounded rate, for a time h."""
+
+    lag: float  # [s]
+    fastest: float  # rate [1/s] times the unit of the value
+    h: float  # [s]
+    decayed: float  # 1 - exp(-h / lag)
+
+
+class _Lags(NamedTuple):
+    """Of a car."""
+
+    drive: _Lag
+    brake: _Lag
+
+
 @compiled
 def move(motion, cars, command, count, h, spare, after):
     """Advance every row by `count` sub-steps of h [s].
@@ -52,8 +68,11 @@ def move(motion, cars, command, count, h, spare, after):
             braking[i],
         )
         twist, drive = Twist(command[0][i], command[1][i]), Drive(command[2][i], command[3][i])
+        car = cars[i]
+        half, whole = _lags(car, h / 2), _lags(car, h)
+        wheel = _lag(car.steering_lag, car.max_steering_rate, h)
         for _ in range(count):
-            _substep(now, cars[i], twist, drive, h)
+            _substep(now, car, twist, drive, half, whole, wheel)
         after[0, i], after[1, i], after[3, i], after[4, i] = now.x, now.y, now.turned, now.speed
         after[2, i] = now.heading - 2 * np.pi * np.ceil((now.heading - np.pi) / (2 * np.pi))  # as `lidar.pose.wrap`
         after[5, i], after[6, i], after[7, i] = now.yaw_rate, now.acceleration, now.steering
@@ -61,8 +80,10 @@ def move(motion, cars, command, count, h, spare, after):
 
 
 @compiled
-def _substep(motion, car, twist, drive, h):
+def _substep(motion, car, twist, drive, half, whole, wheel):
     """Advance one car by h [s], in place; the demand is that at the middle of h, with which the error is of order h^3.
+
+    half, whole, wheel : its lags for h / 2, for h, and that of its steering for h
 
     For a mean steering angle delta the rear axle drives an arc of length s and angle theta, along its chord c:
 
@@ -71,12 +92,11 @@ def _substep(motion, car, twist, drive, h):
     """
     now = _Pace(motion.speed, motion.acceleration, motion.braking)
     lateral = motion.speed * motion.yaw_rate
-    half_way, _ = _driven(car, now, _saturated(car, twist, drive, now, lateral).acceleration, h / 2)
+    half_way, _ = _driven(now, _saturated(car, twist, drive, now, lateral).acceleration, half)
     wanted = _saturated(car, twist, drive, half_way, lateral)
-    after, distance = _driven(car, now, wanted.acceleration, h)
+    after, distance = _driven(now, wanted.acceleration, whole)
 
-    wheel = math.atan(car.wheelbase * wanted.curvature)
-    steering, mean_steering = _approach(motion.steering, wheel, car.steering_lag, car.max_steering_rate, h)
+    steering, mean_steering = _approach(motion.steering, math.atan(car.wheelbase * wanted.curvature), wheel)
     angle = distance * _gripped(car, math.tan(mean_steering) / car.wheelbase, half_way.speed)
     chord = distance * np.sinc(angle / (2 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
     along, heading = motion.heading + angle / 2, motion.heading + angle
@@ -107,8 +127,8 @@ def _saturated(car, twist, drive, pace, lateral):
 
 
 @compiled
-def _driven(car, pace, demand, h):
-    """Pace after h [s] under a constant demand of acceleration [m/s2], and the distance driven [m].
+def _driven(pace, demand, lags):
+    """Pace after h [s], for which the lags are, under a constant demand of acceleration [m/s2]; distance driven [m].
 
         v(h) = v + (mean drive - mean brake) h        s = (v + v(h)) / 2 h
 
@@ -116,8 +136,9 @@ def _driven(car, pace, demand, h):
     (v - v(h)), and does not roll back.
     """
     drive = pace.acceleration + pace.braking
-    drive, mean_drive = _approach(drive, max(demand, 0.0), car.lag, car.max_jerk, h)
-    braking, mean_braking = _approach(pace.braking, max(-demand, 0.0), car.brake_lag, car.max_jerk, h)
+    drive, mean_drive = _approach(drive, max(demand, 0.0), lags.drive)
+    braking, mean_braking = _approach(pace.braking, max(-demand, 0.0), lags.brake)
+    h = lags.drive.h
     speed = pace.speed + (mean_drive - mean_braking) * h
     if speed <= 0:
         to_rest = pace.speed * h / max(pace.speed - speed, 1e-300)  # time [s]
@@ -126,18 +147,30 @@ def _driven(car, pace, demand, h):
 
 
 @compiled
-def _approach(value, target, lag, fastest, h):
+def _lags(car, h):
+    return _Lags(_lag(car.lag, car.max_jerk, h), _lag(car.brake_lag, car.max_jerk, h))
+
+
+@compiled
+def _lag(lag, fastest, h):
+    lag = max(lag, 1e-12)
+    return _Lag(lag, fastest, h, -math.expm1(-h / lag))
+
+
+@compiled
+def _approach(value, target, limits):
     """First-order approach to a target with a bounded rate, exact: the value after h [s], and its mean over h.
 
         y' = (target - y) / lag,  |y'| <= fastest
 
     While the gap is more than lag * fastest the value changes at `fastest`; the rest then decays as exp(-t / lag).
     """
-    lag = max(lag, 1e-12)
+    lag, fastest, h, decayed = limits
     gap = abs(target - value)
     run = min(max(gap / fastest - lag, 0.0), h)  # time at the greatest rate [s]
     left = gap - fastest * run
-    decayed = -math.expm1((run - h) / lag)
+    if run > 0.0:
+        decayed = -math.expm1((run - h) / lag)
     mean_gap = ((gap + left) / 2 * run + left * lag * decayed) / h
     side = np.sign(target - value)
     return target - side * (left * (1 - decayed)), target - side * mean_gap
