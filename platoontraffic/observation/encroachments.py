@@ -18,7 +18,7 @@ from itertools import product
 
 import numpy as np
 
-from platoontraffic.observation.encroachments_kernel import NO_ROOM, STILL, Meetings, Trails, follow, meet
+from platoontraffic.observation.encroachments_kernel import NO_ROOM, STEPS, STILL, Meetings, Trails, follow, meet
 from platoontraffic.observation.step import Step
 from platoontraffic.world.events import ENCROACHED, Event
 from platoontraffic.world.fleet import Member
@@ -104,7 +104,9 @@ class Encroachments:
 
     def _begin(self, steps: int) -> None:
         self._before, self._now = Meetings.none(0, MEETS), Meetings.none(0, MEETS)
-        self._trails = Trails(np.zeros((0, steps, STILL + 1)), np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
+        self._trails = Trails(
+            np.zeros((0, steps, STILL + 1)), np.zeros((0, STEPS + 1)), np.zeros(0, dtype=np.intp), *np.zeros((3, 0))
+        )
         self._make_room()
 
     def _make_room(self) -> None:

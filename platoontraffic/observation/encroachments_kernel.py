@@ -18,9 +18,14 @@ from platoontraffic.observation.nearby_kernel import in_cells, nearby, put_in_or
 HALVINGS = 12  # of a step, to find the instant within it
 CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
 NO_ROOM = -1  # in place of a number of encroachments
+ROUNDING = 1e-6  # more than errors of rounding [m]
 
 # Columns of a pose: centre [m], of the heading, length of the path so far [m], for how many steps it had been there.
 X, Y, COS, SIN, ARC, STILL = range(6)
+# Of the straight end of a trail: the pose in which it begins, as above; least and greatest distance of later ones along
+# it [m]; their number.
+LEAST, MOST, STEPS = range(4, 7)
+ASIDE, TURNED = 0.15, 0.03  # poses of a straight end are no farther beside its line [m], nor turned farther from it
 
 compiled = compiler(__file__, nearby_kernel.__file__)
 
@@ -29,6 +34,7 @@ class Trails(NamedTuple):
     """Of S bodies. Rings of K steps, in which `head` is now and the one before it one step ago."""
 
     poses: np.ndarray  # columns X to STILL, which are read together, (S, K, 6)
+    ends: np.ndarray  # columns X to SIN and LEAST to STEPS, (S, 7)
     count: np.ndarray  # steps for which the body has been there, (S,) int
     longest: np.ndarray  # longest way in one step [m], (S,)
     half_length: np.ndarray  # (S,) [m]
@@ -79,7 +85,21 @@ def extend(trails, head, slot, x, y, cos, sin):
         else:
             trails.longest[s] = pose[ARC] = 0.0
         pose[STILL] = last[STILL] + 1 if stands else 0.0
+        _extend_straight(trails.ends[s], trails.count[s] == 0, pose)
         trails.count[s] += 1
+
+
+@compiled
+def _extend_straight(end, is_first, pose):
+    """Add a pose to the straight end of a trail, or begin a new one with it."""
+    dx, dy, cos, sin = pose[X] - end[X], pose[Y] - end[Y], end[COS], end[SIN]
+    along, aside, turned = dx * cos + dy * sin, dy * cos - dx * sin, pose[SIN] * cos - pose[COS] * sin
+    ahead = pose[COS] * cos + pose[SIN] * sin > 0.0
+    if is_first or not (ahead and abs(aside) <= ASIDE and abs(turned) <= TURNED):
+        end[X], end[Y], end[COS], end[SIN] = pose[X], pose[Y], pose[COS], pose[SIN]
+        end[LEAST] = end[MOST] = end[STEPS] = 0.0
+        return
+    end[LEAST], end[MOST], end[STEPS] = min(end[LEAST], along), max(end[MOST], along), end[STEPS] + 1
 
 
 @compiled
@@ -228,6 +248,8 @@ def _newest(trails, head, body, first):
     rows = trails.poses.shape[1]
     touching = math.hypot(body[4], body[5]) + math.hypot(trails.half_length[first], trails.half_width[first])
     age, ages = 0, min(trails.count[first], rows)
+    if not _overlap(body, _around_end(trails, first)):
+        age = 1 + int(trails.ends[first, STEPS])
     while age < ages:
         row = head - age if head >= age else head - age + rows
         dx, dy = trails.poses[first, row, X] - body[0], trails.poses[first, row, Y] - body[1]
@@ -242,6 +264,21 @@ def _newest(trails, head, body, first):
             return -1
         age += max(int(away / trails.longest[first]), 1)  # the poses until it may be near
     return -1
+
+
+@compiled
+def _around_end(trails, s):
+    """A box about the body of a trail in all poses of its straight end, as of `_pose`."""
+    end, half_length, half_width = trails.ends[s], trails.half_length[s], trails.half_width[s]
+    middle = (end[LEAST] + end[MOST]) / 2
+    return (
+        end[X] + middle * end[COS],
+        end[Y] + middle * end[SIN],
+        end[COS],
+        end[SIN],
+        (end[MOST] - end[LEAST]) / 2 + half_length + TURNED * half_width + ROUNDING,
+        ASIDE + half_width + TURNED * half_length + ROUNDING,
+    )
 
 
 @compiled

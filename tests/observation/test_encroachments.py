@@ -11,6 +11,7 @@ import pytest
 
 from platoontraffic.observation import encroachments
 from platoontraffic.observation.encroachments import Encroachments
+from platoontraffic.observation.encroachments_kernel import STEPS, STILL, Trails, _newest, _overlap, _pose, extend
 from platoontraffic.observation.step import Step
 from platoontraffic.world.events import Event
 from platoontraffic.world.traffic import TrafficSnapshot
@@ -219,3 +220,36 @@ def test_a_member_may_meet_more_bodies_than_there_was_room_for(monkeypatch):
     *_, events = random_tables(np.random.default_rng(1))
     monkeypatch.setattr(encroachments, "MEETS", 1)
     pd.testing.assert_frame_equal(random_tables(np.random.default_rng(1))[2], events)
+
+
+def driven(rng, steps):
+    """x, y and heading of a body that drives straight on, bends, is shaken, stands, turns round and drives back."""
+    x, y, heading, poses = 0.0, 0.0, rng.uniform(-3, 3), []
+    while len(poses) < steps:
+        way, bend, error = rng.choice([0.0, 0.3, 1.4, -0.7]), rng.choice([0.0, 0.0, 0.004, 0.2]), rng.choice([0.0, 0.1])
+        heading += math.pi * (rng.random() < 0.05)
+        for _ in range(rng.integers(1, 40)):
+            heading += bend * way
+            x, y = x + way * math.cos(heading), y + way * math.sin(heading)
+            poses.append((x + error * rng.normal(), y + error * rng.normal(), heading + 0.3 * error * rng.normal()))
+    return poses[:steps]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_newest_pose_that_a_body_is_over_is_found_as_by_looking_at_all(seed):
+    rng, rows, one = np.random.default_rng(seed), 31, np.zeros(1, np.intp)
+    trails = Trails(np.zeros((1, rows, STILL + 1)), np.zeros((1, STEPS + 1)), np.zeros(1, np.intp), *np.zeros((3, 1)))
+    trails.half_length[:], trails.half_width[:] = LENGTH / 2, WIDTH / 2
+    found = 0
+    for step, (x, y, heading) in enumerate(driven(rng, 200), 1):
+        head = step % rows
+        extend(trails, head, one, *(np.array([value]) for value in (x, y, math.cos(heading), math.sin(heading))))
+        ages = range(min(step, rows))
+        for _ in range(20):
+            (there_x, there_y), course = rng.normal((x, y), 12.0), rng.uniform(-3, 3)
+            body = there_x, there_y, math.cos(course), math.sin(course), LENGTH / 2, WIDTH / 2
+            over = (age for age in ages if _overlap(body, _pose(trails, (head - age) % rows, 0)))
+            newest = next(over, -1)
+            assert _newest(trails, head, body, 0) == newest
+            found += newest >= 0
+    assert found > 200
