@@ -79,8 +79,12 @@ class Placement:
         self._shadows = Shadows(sumo, network, step)
         self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
         self._in_order_until: defaultdict[str, float] = defaultdict(float)  # SUMO's clock [s], by lane
-        self._located: list[str] = []  # lanes of the members ...
-        self._located_of: tuple[str, ...] = ()  # ... with these ids, after the last step
+        # Of the members with these ids: edge and lane after the last step, the lane alone, and until when that is in
+        # order, as last looked up.
+        self._located_of: tuple[str, ...] = ()
+        self._roads: list[tuple[str, str]] = []
+        self._lanes: list[str] = []
+        self._rows_until = np.empty(0)
         self._entries: list[Entry] = []  # since `entries` was last called
         self._was_in: dict[str, str] = {}  # junctions that members were in when they were set back before a closed line
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
@@ -102,14 +106,19 @@ class Placement:
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane of each member after the last step; the lane is "" off the road."""
-        return list(map(self.where.__getitem__, fleet.ids))
+        self._find_rows(fleet)
+        return self._roads.copy()
 
     def lanes(self, fleet: Fleet) -> list[str]:
         """The lane of each member after the last step; "" off the road."""
+        self._find_rows(fleet)
+        return self._lanes
+
+    def _find_rows(self, fleet: Fleet) -> None:
         if fleet.ids is not self._located_of:
-            where = self.where
-            self._located_of, self._located = fleet.ids, [where[m][1] if m in where else "" for m in fleet.ids]
-        return self._located
+            self._located_of, self._roads = fleet.ids, [self.where.get(name, ("", "")) for name in fleet.ids]
+            self._lanes = [lane for _, lane in self._roads]
+            self._rows_until = np.zeros(len(fleet.ids))
 
     def entries(self) -> list[Entry]:
         """Members that have entered junctions since the last call."""
@@ -309,8 +318,10 @@ class Placement:
             enters = lane[:1] == ":" and before and before[0] != ":"
             if enters and self._was_in.pop(name, None) != junction_of(lane):
                 self._entries.append((name, before, lane))
-            where[name], located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
+            where[name] = self._roads[row] = self._sumo.vehicle.getRoadID(name), lane
+            located[row] = lane
             self._in_order_until.pop(lane, None)
+            self._rows_until[row] = 0.0
             if (routed := self._routed[name]) and routed[0] != where[name][0]:
                 self._routed[name] = "", routed[1]  # SUMO may replace its route before it is on that edge again
             self._unsettled.add(name)
@@ -378,9 +389,10 @@ class Placement:
         """
         vehicle, on_lane = self._sumo.vehicle, direct(self._sumo.lane.getLastStepVehicleIDs)
         position_of = direct(vehicle.getLanePosition)
-        movers, where, until = self._moved(fleet), self.where, self._in_order_until
-        (lanes,) = _of_moved(fleet, (self.lanes(fleet),))
-        for lane in dict.fromkeys(filter(None, lanes)):
+        movers, where, until, lanes = self._moved(fleet), self.where, self._in_order_until, self.lanes(fleet)
+        due = ((self._rows_until <= time + 1e-6) & ~fleet.native).nonzero()[0].tolist()
+        self._rows_until[due] = [until[lanes[row]] for row in due]
+        for lane in dict.fromkeys(filter(None, map(lanes.__getitem__, due))):
             if until[lane] > time + 1e-6:
                 continue
             order = on_lane(lane)

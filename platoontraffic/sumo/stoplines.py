@@ -113,10 +113,10 @@ class StopLines:
                     if line.state != CHANGING:
                         self._conflicts[self._at_junction[line, kind]]
 
-    def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
+    def signals(self, fleet: Fleet, lanes: Sequence[str]) -> Signals | None:
         """The next stop line of each member with a law that needs it; None if no law does.
 
-        roads: edge and lane of each member
+        lanes: on which the members are, (n,); "" off the road
         """
         self._has_looked = False
         if fleet.members is not self._fleet:
@@ -137,8 +137,8 @@ class StopLines:
         front = axle + (fleet.model.length / 2 - fleet.model.axle)[rows]
         speed = fleet.motion.speed[rows]
         if looks:
-            lanes = [roads[ego.id][1] for ego in asking]
-            is_far, state = self._far.still(front, speed, lanes)
+            own_lanes = [lanes[row] for row in rows.tolist()]
+            is_far, state = self._far.still(front, speed, own_lanes)
             judged = ~is_far | self._far.by_light | (self._far.changes & (speed < self._slow))
             if self._stops:
                 judged |= [ego.id in self._stops for ego in asking]
@@ -148,25 +148,26 @@ class StopLines:
         self._last.note(front, state)
         if (which := judged.nonzero()[0]).size:
             driven = front, axle, speed, fleet.motion.acceleration[rows], state.distance, is_far
-            found = self._judge(fleet, roads, which, (values[which].tolist() for values in driven))
+            found = self._judge(fleet, lanes, which, (values[which].tolist() for values in driven))
             for values, column in zip(state, zip(*found, strict=True), strict=True):
                 values[which] = column
         signals = Signals(*(values.copy() for values in self._no_lines))
         for values, column in zip(signals, state, strict=True):
             values[rows] = column
         if looks and self._choice.is_due(time := self._sumo.simulation.getTime()):
-            drive = zip(asking, lanes, rows.tolist(), speed.tolist(), axle.tolist(), strict=True)
+            drive = zip(asking, own_lanes, rows.tolist(), speed.tolist(), axle.tolist(), strict=True)
             egos = (
                 ego.driving(lane, speed, 0.0, fleet.members[row].route, axle) for ego, lane, row, speed, axle in drive
             )
-            self._choice.look(fleet, lanes, egos, time)
+            self._choice.look(fleet, own_lanes, egos, time)
         return signals
 
     def _judge(
-        self, fleet: Fleet, roads: Mapping[str, tuple[str, str]], which: np.ndarray, driven: Iterable[Sequence]
+        self, fleet: Fleet, lanes: Sequence[str], which: np.ndarray, driven: Iterable[Sequence]
     ) -> Iterator[LineState]:
         """The lines of some of the members that ask, by their numbers among these, (m,).
 
+        lanes : as of `signals`
         driven: stations of front bumper and driven axle [m], speed [m/s], acceleration [m/s2], distance of the next
                 line [m], and whether that is far, as before, (m,) each
         """
@@ -176,7 +177,7 @@ class StopLines:
             which.tolist(), rows.tolist(), *driven, goes_round, strict=True
         ):
             member, ego = fleet.members[row], self._asking[k]
-            ego = ego.driving(roads[ego.id][1], speed, drive, member.route, axle)
+            ego = ego.driving(lanes[row], speed, drive, member.route, axle)
             if is_aside:
                 ego = ego._replace(top=member.route.limit_at(axle))
             if is_far:

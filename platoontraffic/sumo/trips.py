@@ -7,6 +7,8 @@ is compared with the driver that it was. A vehicle that departs or arrives in a 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import compress
+from operator import ne
 
 import numpy as np
 
@@ -34,8 +36,10 @@ class Trips:
         self._sums = np.empty((0, len(SUMS)))  # of each trip
         self._drivers = np.empty((0, 2))  # of each trip: speed factor, and top speed [m/s]
         self._row: dict[str, int] = {}
-        # [m/s], by lane
+        # [m/s], by lane; and of the lanes that `_limits_on` was last called with
         self._limits = Once(lambda lane: sumo.lane.getMaxSpeed(lane) if lane else np.inf)
+        self._lanes: list[str] = []
+        self._limit = np.empty(0)
         self._names: list[str] = []  # of the members in the fleet that are from the traffic ...
         self._rows = np.empty(0, dtype=np.intp)  # ... their rows there ...
         self._of_rows = np.empty(0, dtype=np.intp)  # ... and their rows in the sums
@@ -94,14 +98,22 @@ class Trips:
 
     def _add(self, rows: np.ndarray, names: list[str], speed: np.ndarray, lanes: list[str]) -> None:
         """Count a step of vehicles in. rows: of the sums; all (m,)"""
-        limits, vehicle = self._limits, self._sumo.vehicle
-        limit = np.fromiter(map(limits.__getitem__, lanes), float, len(lanes))
+        vehicle = self._sumo.vehicle
         factor, top_speed = self._drivers[rows].T
-        desired = np.minimum(factor * limit, top_speed)
+        desired = np.minimum(factor * self._limits_on(lanes), top_speed)
         emissions = map(direct, (vehicle.getCO2Emission, vehicle.getFuelConsumption))
         co2, fuel = (MG * np.fromiter(map(get, names), float, len(names)) for get in emissions)
         rates = speed, speed < WAITING, 1 - speed / desired, co2, fuel
         self._sums[rows] += self._step * np.column_stack(rates)
+
+    def _limits_on(self, lanes: list[str]) -> np.ndarray:
+        """[m/s], (m,). Few vehicles come to another lane in a step."""
+        if len(lanes) != len(self._lanes):
+            self._lanes, self._limit = [""] * len(lanes), np.full(len(lanes), np.inf)
+        for k in compress(range(len(lanes)), map(ne, lanes, self._lanes)):
+            self._limit[k] = self._limits[lanes[k]]
+        self._lanes = lanes.copy()
+        return self._limit
 
     def end(self, names: Iterable[str], time: float, status: str) -> None:
         """Members that have left: status "arrived" or "removed". time: of the begin of the step in which they do [s]"""

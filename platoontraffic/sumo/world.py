@@ -242,7 +242,7 @@ class World:
 
     def signals(self, fleet: Fleet) -> Signals | None:
         """State of the next stop line of each member with a law that needs it; None if no law does."""
-        return self._lines.signals(fleet, self._placement.where)
+        return self._lines.signals(fleet, self._placement.lanes(fleet))
 
     def entries(self, fleet: Fleet) -> list[Entry]:
         """Members that entered a junction in the last step; SUMO-driven ones are left out."""

@@ -1726,7 +1726,7 @@ def test_of_two_places_at_which_a_member_must_stop_the_nearer_one_counts(monkeyp
 def test_nobody_is_kept_waiting_when_there_is_no_member_any_more():
     lines = StopLines(ROADS, SimpleNamespace())
     lines._way.stops["bus"], lines._fleet = 2.0, ("gone",)
-    assert lines.signals(NOBODY, {}) is None
+    assert lines.signals(NOBODY, []) is None
     assert lines.waiting_places == {}
 
 
@@ -2065,7 +2065,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     letting_in = SimpleNamespace(stops={"m.1": Stop("road_0", 36.0)}, waiting={})
     lines = StopLines(ROADS, client, letting_in)
     monkeypatch.setattr(StopLines, "_state", lambda *_: NO_LINE)
-    signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})
+    signals = lines.signals(fleet, ["road_0", "road_0"])
     assert lines._way.obedient == {"m.0", "m.1"}
     assert lines.heedless == {"native"}
     assert signals.open.tolist() == [True, False, True]
@@ -2088,7 +2088,7 @@ def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(m
     monkeypatch.setattr(StopLines, "_state", lambda _, __, ___, ego, ____: egos.append(ego) or NO_LINE)
     monkeypatch.setattr(LaneChoice, "look", lambda *_: None)
     client = SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 0.0))
-    StopLines(ROADS, client).signals(fleet, dict.fromkeys(fleet.ids, ("road", "road_0")))
+    StopLines(ROADS, client).signals(fleet, ["road_0"] * len(fleet.ids))
     free, beside = (ego.profile().time_for(20.0) for ego in egos)
     assert (free < 6.0, beside) == (True, pytest.approx(10.0, rel=0.01))
 
@@ -2097,7 +2097,7 @@ def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():
     """The wish of a member that was removed stayed, and vehicles waited for it."""
     lines = StopLines(ROADS, SimpleNamespace())
     lines._change.wanted["gone"], lines._fleet = Wanted("road_1", 5.0, False), ("gone",)
-    assert lines.signals(NOBODY, {}) is None
+    assert lines.signals(NOBODY, []) is None
     assert not lines.room_wanted
 
 
