@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path as Outline
+from matplotlib.patheffects import withStroke
 from pandas.api.types import is_numeric_dtype
 
 from platoontraffic.analysis.following import split_off, stretches
@@ -93,7 +94,9 @@ def _cut(axes: Axes, column: str, drawn: pd.DataFrame, trajectories: pd.DataFram
     """Let gaps begin at 0, and keep the gaps of a split platoon and long times to collision off the axis."""
     values, usual = drawn[column], trajectories.gap_m.median() if "gap_m" in trajectories else math.nan
     if column == "gap_m":
-        axes.set_ylim(min(0, values.min()), 4 * usual if values.max() > CUT_GAP * usual else None)
+        # Above gaps that are all the same there would be no room.
+        greatest = max(1.08 * values.max(), axes.get_ylim()[1])
+        axes.set_ylim(min(0, values.min()), 4 * usual if values.max() > CUT_GAP * usual else greatest)
     elif column == "gap_error_m" and values.abs().max() > 1.5 * usual:
         axes.set_ylim(max(values.min(), -1.5 * usual), min(values.max(), 1.5 * usual))
     elif column == "ttc_s":
@@ -471,8 +474,12 @@ def show_part(axes: Axes, trajectories: pd.DataFrame, margin: float = 0.06) -> A
     axes.set_ylim(middle - up / 2, middle + up / 2)
     bar = max(one for p in range(-2, 5) for one in (10.0**p, 2 * 10.0**p, 5 * 10.0**p) if one <= 0.3 * across)
     share = bar / across
-    axes.plot([0.02, 0.02 + share], [0.03, 0.03], color="black", linewidth=2.5, transform=axes.transAxes, zorder=6)
-    axes.text(0.02 + share / 2, 0.045, f"{bar:g} m", transform=axes.transAxes, ha="center", va="bottom", fontsize=8)
+    over_road = {"path_effects": [withStroke(linewidth=2.5, foreground="white")], "zorder": 6}
+    axes.plot([0.02, 0.02 + share], [0.03, 0.03], color="black", linewidth=2.5, transform=axes.transAxes, **over_road)
+    axes.text(
+        0.02 + share / 2, 0.045, f"{bar:g} m", transform=axes.transAxes, ha="center", va="bottom", fontsize=8,
+        **over_road,
+    )  # fmt: skip
     axes.annotate(
         "N", xy=(0.985, 0.97), xytext=(0.985, 0.82), xycoords="axes fraction", ha="center", va="top", fontsize=8,
         arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 1},

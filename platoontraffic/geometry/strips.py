@@ -16,16 +16,20 @@ class Strips:
     """Of a town's area: at any latitude it has so many borders that to compare a place with all of them takes long."""
 
     def __init__(self, area: shapely.Geometry) -> None:
+        self._whole: shapely.Geometry | None = area  # None: strips take its place
+        shapely.prepare(area)
+        count = min(shapely.get_num_coordinates(area) // CORNERS, MOST)
+        if count < 2:
+            return
         west, south, east, north = area.bounds
-        count = min(max(shapely.get_num_coordinates(area) // CORNERS, 1), MOST)
-        self._inner = np.linspace(west, east, count + 1)[1:-1]  # borders between strips, x [m]
-        ends = np.array([west, *self._inner, east])
+        ends = np.linspace(west, east, count + 1)
         borders = ((begin - BEYOND, south - 1, end + BEYOND, north + 1) for begin, end in pairwise(ends.tolist()))
-        self._strips = np.array([shapely.clip_by_rect(area, *each) for each in borders])
-        if not shapely.is_valid(self._strips).all():  # it is fast, but does not promise that
-            self._inner, self._strips = np.empty(0), np.array([area])
-        shapely.prepare(self._strips)
+        strips = np.array([shapely.clip_by_rect(area, *each) for each in borders])
+        if shapely.is_valid(strips).all():  # clipping is fast, but does not promise that
+            shapely.prepare(strips)
+            self._whole, self._strips, self._inner = None, strips, ends[1:-1]  # borders between strips, x [m]
 
     def contain(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether each of the places (n,) [m] is inside the area, not on its border; bool (n,)."""
-        return shapely.contains_xy(self._strips[self._inner.searchsorted(x)], x, y)
+        area = self._strips[self._inner.searchsorted(x)] if self._whole is None else self._whole
+        return shapely.contains_xy(area, x, y)

@@ -9,7 +9,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.observation import nearby_kernel
-from platoontraffic.observation.nearby_kernel import in_cells, nearby, put_in_order
+from platoontraffic.observation.nearby_kernel import in_cells, nearby, sort_few
 
 EQUAL = 1e-9  # distances that differ by less are equal [m]
 
@@ -57,7 +57,7 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
         widest = radius[i] + largest + max(reach, (abs(bodies.speed[i]) + fastest) * horizon)
         vx, vy = bodies.speed[i] * bodies.cos[i], bodies.speed[i] * bodies.sin[i]
         count_near = nearby(bodies.x[i], bodies.y[i], cells, widest, rows)
-        put_in_order(rows[:count_near])
+        sort_few(rows[:count_near])
         for k in rows[:count_near]:
             if k == i:
                 continue

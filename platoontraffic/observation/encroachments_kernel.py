@@ -13,7 +13,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.observation import nearby_kernel
-from platoontraffic.observation.nearby_kernel import in_cells, nearby, put_in_order
+from platoontraffic.observation.nearby_kernel import in_cells, nearby, sort_few
 
 HALVINGS = 12  # of a step, to find the instant within it
 CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
@@ -136,7 +136,7 @@ def meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found):
             if k >= n or (k > i and platoon[k] != platoon[i]):
                 near[met] = k
                 met += 1
-        put_in_order(near[:met])
+        sort_few(near[:met])
         for k in near[:met]:
             b = slot[k]
             for is_first in range(2):

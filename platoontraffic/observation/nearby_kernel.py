@@ -76,7 +76,7 @@ def nearby(x, y, cells, reach, rows):
 
 
 @compiled
-def put_in_order(rows):
+def sort_few(rows):
     """Sort a few rows in place: numpy's sort takes several times as long."""
     for count in range(1, len(rows)):
         row, at = rows[count], count

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import compress, repeat
+from itertools import compress, count, repeat
 from operator import ne, not_, or_, sub
 from types import MappingProxyType
 from typing import Any
@@ -106,19 +106,20 @@ class Placement:
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane of each member after the last step; the lane is "" off the road."""
-        self._find_rows(fleet)
-        return self._roads.copy()
+        if fleet.ids is not self._located_of:
+            self._find_rows(fleet)
+        return [*self._roads]
 
     def lanes(self, fleet: Fleet) -> list[str]:
         """The lane of each member after the last step; "" off the road."""
-        self._find_rows(fleet)
+        if fleet.ids is not self._located_of:
+            self._find_rows(fleet)
         return self._lanes
 
     def _find_rows(self, fleet: Fleet) -> None:
-        if fleet.ids is not self._located_of:
-            self._located_of, self._roads = fleet.ids, [self.where.get(name, ("", "")) for name in fleet.ids]
-            self._lanes = [lane for _, lane in self._roads]
-            self._rows_until = np.zeros(len(fleet.ids))
+        self._located_of, self._roads = fleet.ids, [self.where.get(name, ("", "")) for name in fleet.ids]
+        self._lanes = [lane for _, lane in self._roads]
+        self._rows_until = np.zeros(len(fleet.ids))
 
     def entries(self) -> list[Entry]:
         """Members that have entered junctions since the last call."""
@@ -309,9 +310,9 @@ class Placement:
         ids, where = fleet.ids, self.where
         lanes, located = list(map(direct(self._sumo.vehicle.getLaneID), ids)), self.lanes(fleet)
         elsewhere = map(ne, lanes, located)
-        if not all(lanes):  # some are off the road
+        if "" in lanes:  # some are off the road
             elsewhere = map(or_, elsewhere, map(not_, lanes))
-        for row in [*compress(range(len(ids)), elsewhere)]:  # few
+        for row in [*compress(count(), elsewhere)]:  # few
             name, lane, before = ids[row], lanes[row], located[row]
             if before and not lane and self._put_back(name, before):
                 continue
@@ -379,7 +380,7 @@ class Placement:
         return False
 
     def put_in_order(self, fleet: Fleet, time: float) -> None:
-        """Repair SUMO's order of vehicles on lanes where a member has passed another vehicle.
+        """Repair SUMO's order of vehicles on lanes where a member has passed another vehicle; after `locate`.
 
         SUMO looks for a vehicle's place in a lane's order only when it enters the lane, and takes the next in the order
         for its leader. So members leave the lane and enter it again, both before the next step: no driver sees them
@@ -387,12 +388,14 @@ class Placement:
 
         time: SUMO's clock [s]
         """
-        vehicle, on_lane = self._sumo.vehicle, direct(self._sumo.lane.getLastStepVehicleIDs)
-        position_of = direct(vehicle.getLanePosition)
-        movers, where, until, lanes = self._moved(fleet), self.where, self._in_order_until, self.lanes(fleet)
         due = ((self._rows_until <= time + 1e-6) & ~fleet.native).nonzero()[0].tolist()
-        self._rows_until[due] = [until[lanes[row]] for row in due]
-        for lane in dict.fromkeys(filter(None, map(lanes.__getitem__, due))):
+        if not due:
+            return
+        vehicle, on_lane = self._sumo.vehicle, direct(self._sumo.lane.getLastStepVehicleIDs)
+        position_of, where = direct(vehicle.getLanePosition), self.where
+        lanes, until = [*map(self._lanes.__getitem__, due)], self._in_order_until
+        self._rows_until[due] = [*map(until.__getitem__, lanes)]
+        for lane in dict.fromkeys(filter(None, lanes)):
             if until[lane] > time + 1e-6:
                 continue
             order = on_lane(lane)
@@ -402,7 +405,7 @@ class Placement:
                 until[lane] = time + min(apart / PASSES_BY, IN_ORDER_FOR)
                 continue
             position = dict(zip(order, positions, strict=True))
-            names = [mover.id for mover in movers if where[mover.id][1] == lane]
+            names = [mover.id for mover in self._moved(fleet) if where[mover.id][1] == lane]
             away = {name: other for name in names if (other := self._another_lane(name, lane))}
             for name, other in away.items():
                 vehicle.moveTo(name, other, 0.0)

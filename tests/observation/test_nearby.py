@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from platoontraffic.observation.nearby_kernel import FEW, in_cells, nearby, put_in_order
+from platoontraffic.observation.nearby_kernel import FEW, in_cells, nearby, sort_few
 
 
 def compare_with_all(x, y, places_x, places_y, reach):
@@ -13,7 +13,7 @@ def compare_with_all(x, y, places_x, places_y, reach):
     for px, py in zip(places_x, places_y, strict=True):
         near = (np.abs(x - px) <= reach) & (np.abs(y - py) <= reach)
         found = rows[: nearby(px, py, cells, reach, rows)]
-        put_in_order(found)
+        sort_few(found)
         assert found.tolist() == np.flatnonzero(near).tolist()
 
 

@@ -271,7 +271,7 @@ def _on_a_lane(positions: dict[str, float]) -> tuple[Placement, SimpleNamespace]
     )  # fmt: skip
     placement = Placement(client, network_of({"road": (3.2, 3.2)}), 0.1)
     placement._shadows = SimpleNamespace(observe=lambda *_: None, lost=lambda _: None)
-    placement.where[member.id] = "road", "road_0"
+    placement.locate(fleet)
     return placement, here
 
 

@@ -78,7 +78,7 @@ class Trail(NamedTuple):
         # The copy has room for one more point, or, where an arc or a route may be laid, for as many as there can be. In
         # whole blocks, so that trails of followers that departed at different times fit into one array.
         capacity = POINTS if route is not None or some(gap) else min((size.max() // BLOCK + 1) * BLOCK, POINTS)
-        trail = Trail(np.empty((len(size), capacity, 3)), size)
+        trail = Trail(np.zeros((len(size), capacity, 3)), size)
         copy_points(self, oldest, trail.points)
         if route is not None:
             relay(trail, odometry, route)
