@@ -166,7 +166,8 @@ def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, k
     inverse, met = np.zeros((rays, beams)), np.full((rays, beams), NOBODY, np.int64)
     exact, errant = np.empty(beams), np.empty(beams)
     squared, spare = np.empty(beams), np.empty(beams)
-    room = _room(256)
+    most_boxes = 2 * len(box_x)  # faces of them in sight
+    room = _room(256 + most_boxes)
     place, first, middles, order = _box_grid(box_x, box_y, x, y, reach, radius)
     boxes = place, first, middles, order, shapes, owners_of_boxes
     for i in range(len(x)):
@@ -175,7 +176,7 @@ def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, k
         for ray in range(rays):
             fan = _fan(angles[ray], directions[ray], reach)
             wall_cells, box_cells = _cells(pose, fan, walls[0]), _cells(pose, fan, boxes[0])
-            most = _count(wall_cells, walls[0], walls[1]) + 2 * _count(box_cells, boxes[0], boxes[1])
+            most = _count(wall_cells, walls[0], walls[1]) + most_boxes
             if most > len(room[2]):
                 room = _room(2 * most)
             near, faces, owners = room
@@ -274,7 +275,7 @@ def _cells(pose, fan, place):
 
 @compiled
 def _count(cells, place, first):
-    """Number of walls or boxes in these cells."""
+    """Number of walls in these cells."""
     left, right, bottom, top = cells
     columns = place[3]
     count = 0

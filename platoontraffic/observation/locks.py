@@ -30,7 +30,9 @@ class Locks:
         self.beams = np.full(n, np.nan)  # on the predecessor
         self.occluded = np.full(n, np.nan)  # share of the beams that would meet the predecessor if it were alone
         self._ahead = np.full(n, NEVER)  # number of the predecessor; -1: none
-        self._latest: tuple | None = None  # one step before, where all members scanned: see `observe`
+        # One step before, where all members scanned: ids of all bodies, numbers of the members, their predecessors, and
+        # the surfaces that their targets were on.
+        self._latest: tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def observe(self, step: Step, scans: Sequence[ScanBatch | None], split: np.ndarray) -> Iterator[Event]:
         """wrong_target, locked, lock_regained, lock_lost
@@ -41,15 +43,17 @@ class Locks:
         fleet, ids = step.fleet, step.traffic.ids
         sight = _sight(step, scans)
         scanned = count_in(fleet.number, sight.beams, sight.alone, self.beams, self.occluded)
-        latest, self._latest = self._latest, None
+        latest, self._latest, looked = self._latest, None, sight.beams != NOT_SCANNED
         if scanned == fleet.number.size and all([seen.traffic is step.traffic for seen in step.seen]):
-            self._latest = ids, sight.surface.tobytes(), fleet.number.tobytes(), fleet.predecessor.tobytes()
-            if self._latest == latest:
-                return  # as at the last scan, so what is locked is too
-        rows = (sight.beams != NOT_SCANNED).nonzero()[0]
+            self._latest = ids, fleet.number, fleet.predecessor, sight.surface
+            if latest and ids == latest[0] and fleet.number is latest[1] and fleet.predecessor is latest[2]:
+                looked = sight.surface != latest[3]  # for all others as at the last scan, so what is locked is too
+        rows = looked.nonzero()[0]
+        if not rows.size:
+            return
         number, ahead = fleet.number[rows], fleet.predecessor[rows]
         # By id, since a row of the snapshot may be another vehicle in the next step.
-        targets, before = _surfaces(step, sight)[rows], self.target[number]
+        targets, before = _surfaces(step, sight, looked)[rows], self.target[number]
         number_ahead = np.where(ahead < 0, -1, fleet.number[ahead])
         if every(self._ahead[number] == number_ahead) and targets.tolist() == before.tolist():
             return
@@ -118,12 +122,13 @@ def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> Sight:
     return sight
 
 
-def _surfaces(step: Step, sight: Sight) -> np.ndarray:
-    """Names of the surfaces that the targets lie on, (n,), where there is a scan."""
+def _surfaces(step: Step, sight: Sight, wanted: np.ndarray) -> np.ndarray:
+    """Names of the surfaces that the targets lie on, (n,), where they are wanted and there is a scan."""
     names = np.empty(step.fleet.number.size, dtype=object)
     for group, seen in zip(step.fleet.groups, step.seen, strict=True):
         if seen is not None:
-            names[group.rows] = [seen.traffic.surfaces[hit] for hit in sight.surface[group.rows].tolist()]
+            rows = group.rows[wanted[group.rows]]
+            names[rows] = [seen.traffic.surfaces[hit] for hit in sight.surface[rows].tolist()]
     return names
 
 
