@@ -166,8 +166,8 @@ def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, k
     inverse, met = np.zeros((rays, beams)), np.full((rays, beams), NOBODY, np.int64)
     exact, errant = np.empty(beams), np.empty(beams)
     squared, spare = np.empty(beams), np.empty(beams)
-    most_boxes = 2 * len(box_x)  # faces of them in sight
-    room = _room(256 + most_boxes)
+    box_faces = 2 * len(box_x)  # in sight, at most
+    room = _room(256 + box_faces)
     place, first, middles, order = _box_grid(box_x, box_y, x, y, reach, radius)
     boxes = place, first, middles, order, shapes, owners_of_boxes
     for i in range(len(x)):
@@ -176,7 +176,7 @@ def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, k
         for ray in range(rays):
             fan = _fan(angles[ray], directions[ray], reach)
             wall_cells, box_cells = _cells(pose, fan, walls[0]), _cells(pose, fan, boxes[0])
-            most = _count(wall_cells, walls[0], walls[1]) + most_boxes
+            most = _count(wall_cells, walls[0], walls[1]) + box_faces
             if most > len(room[2]):
                 room = _room(2 * most)
             near, faces, owners = room

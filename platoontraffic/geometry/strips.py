@@ -13,7 +13,8 @@ BEYOND = 1.0  # how far strips overlap each way, so that no place is near the bo
 
 
 class Strips:
-    """Of a town's area: at any latitude it has so many borders that to compare a place with all of them takes long."""
+    """Tells which places are inside an area. That of a town has so many borders at any latitude that to compare a place
+    with all of them takes long."""
 
     def __init__(self, area: shapely.Geometry) -> None:
         self._whole: shapely.Geometry | None = area  # None: strips take its place

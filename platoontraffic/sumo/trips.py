@@ -107,7 +107,7 @@ class Trips:
         self._sums[rows] += self._step * np.column_stack(rates)
 
     def _limits_on(self, lanes: list[str]) -> np.ndarray:
-        """[m/s], (m,). Few vehicles come to another lane in a step."""
+        """Speed limits of lanes [m/s], (m,). They are looked up where a lane is another one than at the last call."""
         if len(lanes) != len(self._lanes):
             self._lanes, self._limit = [""] * len(lanes), np.full(len(lanes), np.inf)
         for k in compress(range(len(lanes)), map(ne, lanes, self._lanes)):

@@ -32,7 +32,7 @@ class _Pace(NamedTuple):
 
 
 class _Lag(NamedTuple):
-    """Of first order with a bounded rate, for a time h."""
+    """A lag of first order with a bounded rate, and a time h for which it acts; see `_approach`."""
 
     lag: float  # [s]
     fastest: float  # rate [1/s] times the unit of the value
@@ -41,7 +41,7 @@ class _Lag(NamedTuple):
 
 
 class _Lags(NamedTuple):
-    """Of a car."""
+    """Of a car's drive line, for one time h."""
 
     drive: _Lag
     brake: _Lag
@@ -70,9 +70,9 @@ def move(motion, cars, command, count, h, spare, after):
         twist, drive = Twist(command[0][i], command[1][i]), Drive(command[2][i], command[3][i])
         car = cars[i]
         half, whole = _lags(car, h / 2), _lags(car, h)
-        wheel = _lag(car.steering_lag, car.max_steering_rate, h)
+        steering_lag = _lag(car.steering_lag, car.max_steering_rate, h)
         for _ in range(count):
-            _substep(now, car, twist, drive, half, whole, wheel)
+            _substep(now, car, twist, drive, half, whole, steering_lag)
         after[0, i], after[1, i], after[3, i], after[4, i] = now.x, now.y, now.turned, now.speed
         after[2, i] = now.heading - 2 * np.pi * np.ceil((now.heading - np.pi) / (2 * np.pi))  # as `lidar.pose.wrap`
         after[5, i], after[6, i], after[7, i] = now.yaw_rate, now.acceleration, now.steering
@@ -80,10 +80,11 @@ def move(motion, cars, command, count, h, spare, after):
 
 
 @compiled
-def _substep(motion, car, twist, drive, half, whole, wheel):
+def _substep(motion, car, twist, drive, half, whole, steering_lag):
     """Advance one car by h [s], in place; the demand is that at the middle of h, with which the error is of order h^3.
 
-    half, whole, wheel : its lags for h / 2, for h, and that of its steering for h
+    half, whole  : lags of its drive line for h / 2, and for h
+    steering_lag : for h
 
     For a mean steering angle delta the rear axle drives an arc of length s and angle theta, along its chord c:
 
@@ -96,7 +97,7 @@ def _substep(motion, car, twist, drive, half, whole, wheel):
     wanted = _saturated(car, twist, drive, half_way, lateral)
     after, distance = _driven(now, wanted.acceleration, whole)
 
-    steering, mean_steering = _approach(motion.steering, math.atan(car.wheelbase * wanted.curvature), wheel)
+    steering, mean_steering = _approach(motion.steering, math.atan(car.wheelbase * wanted.curvature), steering_lag)
     angle = distance * _gripped(car, math.tan(mean_steering) / car.wheelbase, half_way.speed)
     chord = distance * np.sinc(angle / (2 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
     along, heading = motion.heading + angle / 2, motion.heading + angle
@@ -128,7 +129,7 @@ def _saturated(car, twist, drive, pace, lateral):
 
 @compiled
 def _driven(pace, demand, lags):
-    """Pace after h [s], for which the lags are, under a constant demand of acceleration [m/s2]; distance driven [m].
+    """Pace after the time h [s] of the lags, under a constant demand of acceleration [m/s2]; the distance driven [m].
 
         v(h) = v + (mean drive - mean brake) h        s = (v + v(h)) / 2 h
 
@@ -158,14 +159,14 @@ def _lag(lag, fastest, h):
 
 
 @compiled
-def _approach(value, target, limits):
+def _approach(value, target, first_order):
     """First-order approach to a target with a bounded rate, exact: the value after h [s], and its mean over h.
 
         y' = (target - y) / lag,  |y'| <= fastest
 
     While the gap is more than lag * fastest the value changes at `fastest`; the rest then decays as exp(-t / lag).
     """
-    lag, fastest, h, decayed = limits
+    lag, fastest, h, decayed = first_order
     gap = abs(target - value)
     run = min(max(gap / fastest - lag, 0.0), h)  # time at the greatest rate [s]
     left = gap - fastest * run
