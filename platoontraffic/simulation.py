@@ -115,7 +115,7 @@ class Setting:
     channel: Channel | None = None  # of messages between members; None: there are none
     laps: float | None = None  # it ends when every member has turned through as many full circles
     ends_at_contact: bool = False  # it ends when a member touches something
-    whole_traffic_every: int | None = None  # steps; snapshots between them may lack what is out of range of all members
+    whole_traffic_every: int | None = None  # steps from one instant with `whole` to the next; None: none has it
     then: Then | None = None
 
     @cached_property
@@ -196,6 +196,7 @@ class Simulation:
     def deploy(self) -> None:
         """The part of a reset that no seed of the setting changes: a new world, with the members at their places."""
         self._open.close()
+        self.now = None
         setting, watch = self.setting, self.stopwatch
         world = self._open.enter_context(setting.ground() if setting.ground else BareGround(setting.dt))
         self.world = watch.wrap(world, snapshot="read", signals="signals", place="place", advance="step")
@@ -270,7 +271,9 @@ class Simulation:
         """Every member senses the same world; then every law decides."""
         dt, timed = self.setting.dt, self.stopwatch.call
         parted, fleet = self._recruited(fleet) if self.setting.recruits else ([], fleet)
-        traffic = self.world.snapshot(fleet, self._reach(step, fleet))
+        traffic, whole = self.world.snapshot(fleet, fleet.sight), None
+        if (every := self.setting.whole_traffic_every) and step % every == 0:
+            whole = self.world.snapshot(fleet)
         failed = self.breakdowns.due(fleet, traffic.time)
         stuck, self._remedies = self.stuck.observe(fleet, traffic.time)
         fleet, ordered = self.manoeuvres.applied(fleet.regrouped(), traffic.time)
@@ -300,6 +303,7 @@ class Simulation:
             readings=sensed.readings,
             seen=sensed.seen,
             odometry=sensed.odometry,
+            whole=whole,
         )
         return self.now
 
@@ -366,11 +370,6 @@ class Simulation:
         if self.now is None:
             return []
         return list(statistics.rows(self.observer.statistics, self.members, self.setting.dt))
-
-    def _reach(self, step: int, fleet: Fleet) -> float:
-        """How far from every member background vehicles are wanted [m]."""
-        every = self.setting.whole_traffic_every
-        return np.inf if every and step % every == 0 else fleet.sight
 
     def _hold_obstacles(self) -> None:
         if plans := self.obstacles.plans:

@@ -24,6 +24,7 @@ from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Member
+from platoontraffic.world.ground import BareGround
 from tests.support.bench import DT, FOLLOWER_EYE, NO_WALLS, constant, platoon
 from tests.support.observed import ROAD
 from tests.support.runs import run
@@ -194,6 +195,22 @@ def test_after_a_step_that_has_failed_there_is_none():
         with pytest.raises(RuntimeError, match=r"the last step has failed; reset\(\) begins anew"):
             simulation.step()
         assert simulation.reset().step == 0
+        assert simulation.step().step == 1
+
+
+def test_after_a_reset_that_has_failed_there_is_no_step(monkeypatch):
+    """It went on with the vehicles of the run before, in the world of the next."""
+    with of_robots() as simulation:
+        simulation.reset()
+        simulation.step()
+        for stage in ("deploy", "snapshot"):
+            with monkeypatch.context() as patched:
+                patched.setattr(BareGround, stage, lambda *_: 1 / 0)
+                with pytest.raises(ZeroDivisionError):
+                    simulation.reset()
+            with pytest.raises(RuntimeError, match=r"reset\(\) gives the first instant"):
+                simulation.step()
+        simulation.reset()
         assert simulation.step().step == 1
 
 

@@ -54,7 +54,6 @@ class Encounters:
         """members: all of the run"""
         self._obstacles = obstacles
         self._presence = _ObstaclePresence(obstacles)
-        self._member = {member.id: member for member in members}
         of_route = {id(m.route): PathLine(m.route) for m in members if m.route}
         self._paths = {m.id: of_route[id(m.route)] for m in members if m.route}
         self._met: list[_Outcome] = []
@@ -62,7 +61,6 @@ class Encounters:
 
     def extend(self, newcomers: Sequence[Member]) -> None:
         """Further members of the run."""
-        self._member |= {m.id: m for m in newcomers}
         if self._obstacles.plans:
             self._paths |= {m.id: PathLine(m.route) for m in newcomers if m.route}
 
@@ -147,7 +145,7 @@ class Encounters:
         self, plan: Plan, now: _Instant, row: int, behind: str, gap: float, ahead: SpeedProfile
     ) -> Encounter:
         traffic = now.traffic
-        member, speed = self._member[traffic.ids[row]], float(traffic.speed[row])
+        member, speed = now.fleet.members[row], float(traffic.speed[row])
         needed = least_braking(gap, speed, member, ahead) if gap > 0 else math.inf
         return Encounter(
             time=traffic.time,

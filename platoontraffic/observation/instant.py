@@ -37,6 +37,7 @@ class Instant:
     readings: Sequence[Readings] = ()  # of further lasers and own sensors, for each group; (): there are none
     seen: Sequence[Seen | None] = ()  # the world at the instant of each scan, to whose traffic its hits belong
     odometry: Twist | None = None  # own speed and yaw rate that the laws used, (n,); None: those of `fleet.motion`
+    whole: TrafficSnapshot | None = None  # as `traffic`, but with all background traffic; only where that is recorded
 
     def __repr__(self) -> str:
         """What it is in short, for notebooks."""

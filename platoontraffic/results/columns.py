@@ -47,8 +47,8 @@ def _members(values: Callable[[TrafficSnapshot], np.ndarray]) -> Source:
 
 
 def _background(values: Callable[[TrafficSnapshot], Sequence]) -> Source:
-    """The part of an array of the traffic that belongs to other vehicles."""
-    return lambda now: values(now.traffic)[len(now.fleet) :]
+    """The part of an array of the whole traffic that belongs to other vehicles."""
+    return lambda now: values(now.whole)[len(now.fleet) :]
 
 
 TRAJECTORIES = (
@@ -190,7 +190,7 @@ TRAJECTORIES = (
 )
 
 TRAFFIC = (
-    time(lambda now: np.full(len(now.traffic.ids) - len(now.fleet), now.traffic.time)),
+    time(lambda now: np.full(len(now.whole.ids) - len(now.fleet), now.whole.time)),
     text("vehicle_id", "a vehicle that belongs to no platoon", _background(lambda traffic: traffic.ids)),
     number("x_m", "m", "centre of the footprint, east", _background(lambda traffic: traffic.x)),
     number("y_m", "m", "centre of the footprint, north", _background(lambda traffic: traffic.y)),

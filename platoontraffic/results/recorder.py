@@ -116,16 +116,12 @@ class Recorder:
         if self._scans:
             self._scans.folder = self.folder
 
-    def wants_all_traffic(self, step: int) -> bool:
-        """Whether the snapshot of this step must hold every vehicle, however far from all members."""
-        return self._traffic is not None and step % self._clocks.traffic == 0
-
     def record(self, now: Instant) -> None:
         """Add to every table the rows of this instant, each table by its own clock; to be called in every step."""
         self.note(now.events)
         if now.step % self._clocks.trajectories == 0:
             self._trajectories.write(csv_text.lines_at(now, TRAJECTORIES, self._rows_in_order(now)))
-        if self.wants_all_traffic(now.step):
+        if self._traffic and now.whole:
             self._traffic.write(csv_text.lines_at(now, TRAFFIC))
             self._remember_sizes(now)
         if self._passages:
@@ -242,7 +238,7 @@ class Recorder:
         return self._order
 
     def _remember_sizes(self, now: Instant) -> None:
-        traffic = now.traffic
+        traffic = now.whole
         for i, vehicle in enumerate(traffic.ids[len(now.fleet) :], start=len(now.fleet)):
             if vehicle not in self._background:
                 self._background[vehicle] = float(traffic.length[i]), float(traffic.width[i])

@@ -15,6 +15,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.frame import centre_of, heading_of
 from platoontraffic.sumo.reads import Once
+from platoontraffic.world.events import CONTACT_HORIZON
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import PERSON, TrafficSnapshot
 
@@ -185,7 +186,7 @@ class Background:
         fronts, speed = self._fronts(names), self._speeds(names)
         fastest = np.abs(own.speed).max(initial=0.0)
         closes = RECHECK_AFTER * (STRETCHED * speed + fastest + GAINS * RECHECK_AFTER) + JUMPS
-        far = _farther(fronts, own.x, own.y, reach + 2 * length + closes)
+        far = _farther(fronts, own.x, own.y, _range(fleet, reach, speed) + 2 * length + closes)
         self._skipped = skipped | set(compress(names, far))
         self._skipped_for, self._skipped_until = fleet.members, time + RECHECK_AFTER
         self._near = list(compress(names, ~far))
@@ -196,13 +197,13 @@ class Background:
         person = self._sumo.person
         names = [name for name in person.getIDList() if not person.getVehicle(name)]
         front = np.array([person.getPosition(name) for name in names]).reshape(-1, 2)
+        speed = np.array(list(map(person.getSpeed, names)), float)
         if reach < np.inf:
-            near = ~_farther(front, fleet.motion.x, fleet.motion.y, np.full(len(names), reach + PERSON_SIZE))
-            names, front = list(compress(names, near)), front[near]
+            near = ~_farther(front, fleet.motion.x, fleet.motion.y, _range(fleet, reach, speed) + PERSON_SIZE)
+            names, front, speed = list(compress(names, near)), front[near], speed[near]
         heading = heading_of(np.array([person.getAngle(name) for name in names]))
         length, width = (np.array(list(map(get, names)), float) for get in (person.getLength, person.getWidth))
         x, y = centre_of(*front.T, heading, length)
-        speed = np.array(list(map(person.getSpeed, names)), float)
         return TrafficSnapshot(time, tuple(PERSON + name for name in names), x, y, heading, speed, length, width)
 
     def _fronts(self, names: Sequence[str]) -> np.ndarray:
@@ -212,6 +213,13 @@ class Background:
 
     def _speeds(self, names: Sequence[str]) -> np.ndarray:
         return np.fromiter(map(direct(self._sumo.vehicle.getSpeed), names), float, len(names))
+
+
+def _range(fleet: Fleet, reach: float, speed: np.ndarray) -> np.ndarray:
+    """How near bodies with these speeds (m,) [m/s] must be to a member to matter [m], from its centre to their outline:
+    they are within reach, or may come to the same place as a member within `CONTACT_HORIZON`."""
+    fastest, longest = np.abs(fleet.motion.speed).max(initial=0.0), fleet.model.length.max(initial=0.0)
+    return np.maximum(reach, CONTACT_HORIZON * (speed + fastest) + longest)
 
 
 def _changed(names: list[str], gone: Set[str], come: Sequence[str]) -> list[str]:

@@ -139,16 +139,16 @@ class LettingIn:
             if not self._is_on_road(name):
                 self._end(name, where)
                 continue
-            wish = self._wishes[name]
+            own, wish = self._lane(name, where), self._wishes[name]
             wanted, patience = wish.wanted, wish.patience.setdefault(foe, Patience())
             patience.wait(self._step, wanted.begun, self._is_in_queue(foe, name, wanted.lane))
-            is_over = self._lane(name, where) == wanted.lane
+            has_gone_on = own and (own == wanted.lane or edge_of(own) != edge_of(wanted.lane))
             is_elsewhere = self._lane(foe, where) not in self._lanes_to[wanted.lane]
             is_given_up = is_elsewhere or time >= wish.last + GIVEN_UP or self._is_past(foe, name, wanted, where)
-            if is_over or is_given_up or not patience.has_any(wanted.begun):
+            if has_gone_on or is_given_up or not patience.has_any(wanted.begun):
                 self._end(name, where)
             elif foe in where:
-                if self._lane(name, where):
+                if own:
                     self.stops[foe] = self._stop(foe, name, wanted, where)
                 elif foe in before:  # to SUMO the other one is off the road, as on a lane for buses
                     self.stops[foe] = before[foe]
@@ -217,7 +217,7 @@ class LettingIn:
 
     def _end(self, name: str, where: Mapping[str, tuple[str, str]]) -> None:
         """A vehicle is let in no longer."""
-        if (foe := self.waiting.pop(name)) not in where:
+        if (foe := self.waiting.pop(name)) not in where and self._is_on_road(foe):
             self._sumo.vehicle.setSpeed(foe, OWN_DRIVER)
 
     def _first(
@@ -265,7 +265,7 @@ class LettingIn:
     def _hold(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> None:
         """Let a vehicle stop behind a member's rear, or nearer where it cannot; it does not follow the member then."""
         vehicle, lane = self._sumo.vehicle, self._sumo.vehicle.getLaneID(foe)
-        if lane == wanted.lane:
+        if lane == wanted.lane or not self._lane(name, where):  # to SUMO the member is off the road
             (x, y), (its_x, its_y) = vehicle.getPosition(name), vehicle.getPosition(foe)
             course = math.radians(90 - vehicle.getAngle(foe))
             ahead = (x - its_x) * math.cos(course) + (y - its_y) * math.sin(course)

@@ -77,7 +77,7 @@ class Placement:
     def __init__(self, sumo: Client, network: Network, step: float) -> None:
         self._sumo, self._network, self._step = sumo, network, step
         self._shadows = Shadows(sumo, network, step)
-        self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
+        self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member
         self._in_order_until: defaultdict[str, float] = defaultdict(float)  # SUMO's clock [s], by lane
         # Of the members with these ids: edge and lane after the last step, the lane alone, and until when that is in
         # order, as last looked up.
@@ -194,7 +194,7 @@ class Placement:
         kind: the type that it had
         """
         vehicle, name = self._sumo.vehicle, member.id
-        edge, lane = self.where.pop(name)
+        edge, lane = self.where[name]
         if not lane:
             edge = self._put_on_its_route(member)
         if edge in member.route.edges:
@@ -204,6 +204,16 @@ class Placement:
         vehicle.setSpeedMode(name, ALL_CHECKS_ON)
         vehicle.setLaneChangeMode(name, USUAL_LANE_CHANGES)
         vehicle.setSpeed(name, OWN_DRIVER)
+        self.forget([name])
+
+    def forget(self, names: Iterable[str]) -> None:
+        """These are members no longer: they have left the road, or are SUMO's."""
+        self._shadows.forget(names)
+        for name in names:
+            for known in (self.where, self._routed, self._leg, self._was_in):
+                known.pop(name, None)
+            for there in (self._on_overlapping, self._on_short, self._on_route, self._bound):
+                there.discard(name)
 
     def _put_on_its_route(self, member: Member) -> str:
         """Put a member onto the nearest lane of the edge of its route that it was on, or of the next one; that edge."""

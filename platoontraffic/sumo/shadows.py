@@ -138,6 +138,12 @@ class Shadows:
             elif not same:  # SUMO has inserted it there
                 self._side[mover.id] = _towards(placed) if abs(placed) > self._room(mover, lane) else NONE
 
+    def forget(self, names: Iterable[str]) -> None:
+        """Vehicles that are moved no longer."""
+        for name in names:
+            self._seen.pop(name, None)
+            self._side.pop(name, None)
+
     def lost(self, names: Iterable[str]) -> None:
         """Vehicles that have been inserted anew in the middle of their lanes, by others."""
         self._side.update(dict.fromkeys(names, NONE))
@@ -235,9 +241,10 @@ class Shadows:
             (its_x, its_y), its_course = vehicle.getPosition(name), math.radians(90 - vehicle.getAngle(name))
             cos, sin = math.cos(its_course), math.sin(its_course)
             ahead = [(px - its_x) * cos + (py - its_y) * sin for px, py in corners]
-            aside = [abs((py - its_y) * cos - (px - its_x) * sin) for px, py in corners]
+            aside = [(py - its_y) * cos - (px - its_x) * sin for px, py in corners]
             is_abreast = min(ahead) < 0 < max(ahead) + vehicle.getLength(name)
-            if is_abreast and min(aside) > vehicle.getWidth(name) / 2 + PASSING:
+            clear = vehicle.getWidth(name) / 2 + PASSING
+            if is_abreast and (min(aside) > clear or max(aside) < -clear):
                 return True
         return False
 

@@ -121,13 +121,12 @@ class StopLines:
         self._has_looked = False
         if fleet.members is not self._fleet:
             self._welcome(fleet)
-        elif not self._asking:  # as at the last look, so nothing is left of one
-            return None
-        looks = self._looks_now()
-        if looks:
-            self._begin_look()
+            if not self._asking:
+                self._begin_look()  # so that nothing is left of the last one
         if not self._asking:
             return None
+        if looks := self._looks_now():
+            self._begin_look()
         self.renew()
         self._has_looked = True
         if not looks:

@@ -224,6 +224,7 @@ class World:
             for name in sorted(gone - removed_by_sumo):
                 self._sumo.vehicle.remove(name, self._sumo.constants.REMOVE_ARRIVED)
             self._trips.end(gone, round(self._time() - self._step, 6), "arrived")
+            self._placement.forget(gone)
             fleet = fleet.without(gone)
         self._placement.locate(fleet)
         self._placement.put_in_order(fleet, self._clock)
@@ -283,6 +284,7 @@ class World:
             if remedy == "remove":
                 self._trips.end([name], self._time(), "removed")
                 self._sumo.vehicle.remove(name)
+                self._placement.forget([name])
             else:
                 self._trips.hand_over(name)
                 self._placement.hand_back(fleet.members[fleet.row_of[name]], *self._trips.driver(name))

@@ -16,7 +16,7 @@ from platoontraffic.world.fleet import Fleet
 
 
 class Breakdowns:
-    """The breakdowns of a scenario: call `due` in every step; `blinded` and `brakes` then give their effects."""
+    """The breakdowns of a scenario: call `due` in every step; `blind` and `brakes` then give their effects."""
 
     def __init__(self, breakdowns: Sequence[Breakdown]) -> None:
         self._breakdowns = breakdowns

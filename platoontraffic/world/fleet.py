@@ -23,6 +23,7 @@ from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.vehicles.records import changed, concatenate, put, some, stack, take
 from platoontraffic.vehicles.sensor import NamedSensor
+from platoontraffic.world.events import CLEARANCE_REACH
 from platoontraffic.world.neighbours import chains, known_by, nothing_known
 from platoontraffic.world.under_way import Seen, UnderWay
 
@@ -401,13 +402,14 @@ class Fleet(MemberState):
 
     @cached_property
     def sight(self) -> float:
-        """Greatest distance from a member's centre to anything it can see or touch [m]; beams may be a sweep old."""
+        """Greatest distance from a member's centre to anything that it can see or touch, or that is so near that its
+        distance is measured [m]; beams may be a sweep old."""
         lidars = [
             lidar for group in self.groups for lidar in (group.lidar, *(one.sensor for one in group.further_lidars))
         ]
         seen = [lidar.reach + np.hypot(lidar.mount.x, lidar.mount.y) + lidar.sweep_time * CLOSING for lidar in lidars]
         seen += [one.sensor.sensor.reach for group in self.groups for one in group.sensors]
-        return max(seen, default=0.0) + self.model.length.max(initial=0.0)
+        return max([CLEARANCE_REACH, *seen]) + self.model.length.max(initial=0.0)
 
     def joined(self, others: Fleet) -> Fleet:
         """The fleet with others, which have just departed, in its last rows."""

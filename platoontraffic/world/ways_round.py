@@ -121,11 +121,13 @@ class WaysRound:
         sensed  : what arrives in this step
         signals : the next stop line of each member; None: there are none
         """
-        if self._network is None or fleet.progress.routes is None:
+        if self._network is None:
             return [], fleet
-        scans, readings, seen = sensed.scans, sensed.readings, sensed.seen
         for row in list(self._past(fleet)):
             del self._under_way[fleet.ids[row]]
+        if fleet.progress.routes is None:
+            return [], fleet
+        scans, readings, seen = sensed.scans, sensed.readings, sensed.seen
         routes = self._going_on(fleet, sensed, time)
         events: list[Noted] = []
         for row, group, k, after in self._blocked(fleet, time):

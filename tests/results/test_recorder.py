@@ -58,7 +58,7 @@ def test_every_vehicle_of_the_tables_has_one_row_in_vehicles(tmp_path, fleet):
     beside = {name: np.append(getattr(own, name), [0.0, 9.0]) for name in ("x", "y", "heading", "speed")}
     for time in (0.0, 0.5):
         traffic = replace(own, time=time, ids=(*own.ids, "car", "bus"), **sizes, **beside)
-        recorder.record(instant(fleet, traffic))
+        recorder.record(instant(fleet, own, whole=traffic))
     recorder.write_vehicles(fleet.members)
     table = pd.read_csv(recorder.keep_unfinished() / "vehicles.csv")
     assert table.vehicle_id.tolist() == ["robot.0", "robot.1", "robot.2", "second.0", "second.1", "car", "bus"]
@@ -84,13 +84,14 @@ def fleet() -> Fleet:
     return Fleet.deployed([two[1], *members[2::-1], two[0]], 0.1)
 
 
-def instant(fleet: Fleet, traffic, step: int = 0, events=()) -> Instant:
+def instant(fleet: Fleet, traffic, step: int = 0, events=(), whole=None) -> Instant:
     n = len(fleet)
     empty = {f.name: np.full(n, np.nan) for f in fields(Measures)} | dict.fromkeys(
         ("target", "closest"), np.full(n, "", dtype=object)
     )
     roads = [("edge", "edge_0")] * n
-    return Instant(step, traffic, fleet, [None] * len(fleet.groups), roads, events, lambda fleet: Measures(**empty))
+    unscanned = [None] * len(fleet.groups)
+    return Instant(step, traffic, fleet, unscanned, roads, events, lambda fleet: Measures(**empty), whole=whole)
 
 
 def record(recorder: Recorder, fleet: Fleet) -> None:
@@ -121,10 +122,9 @@ def test_background_traffic_is_written_on_request_only(tmp_path, fleet):
     beside = replace(own, ids=(*own.ids, "car"), **{name: np.append(getattr(own, name), 1.0) for name in arrays})
     for recorder in (without, with_):
         for step in range(4):
-            recorder.record(instant(fleet, replace(beside, time=step / 10), step))
+            whole = None if step % 2 else replace(beside, time=step / 10)
+            recorder.record(instant(fleet, own, step, whole=whole))
         recorder.close_tables()
-    assert [with_.wants_all_traffic(step) for step in range(3)] == [True, False, True]
-    assert not without.wants_all_traffic(0)
     assert not (without.folder / "traffic.csv").exists()
     table = pd.read_csv(with_.folder / "traffic.csv")
     assert table.columns.tolist() == [c.name for c in TRAFFIC]

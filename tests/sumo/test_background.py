@@ -9,6 +9,7 @@ import pytest
 
 from platoontraffic.simulation import Simulation
 from platoontraffic.sumo.background import STRETCHED, Background, _farther
+from platoontraffic.sumo.world import World
 
 REACH, DT = 50.0, 0.1  # [m], [s]
 
@@ -33,8 +34,9 @@ def test_one_that_comes_is_on_the_list_before_it_is_in_range(own, its, stretched
         while time < 3.0:
             here = np.array([own * time])
             motion = SimpleNamespace(x=here, y=np.zeros(1), speed=np.array([own]))
+            fleet = SimpleNamespace(members=members, motion=motion, model=SimpleNamespace(length=np.array([1.0])))
             background._time = time
-            near, _ = background._names(SimpleNamespace(members=members, motion=motion), REACH, frozenset())
+            near, _ = background._names(fleet, REACH, frozenset())
             assert "a" in near or abs(place()[0] - here[0]) > REACH, (begin, time)
             time += DT
 
@@ -65,6 +67,32 @@ def test_the_list_of_near_vehicles_is_that_of_sumo_as_they_come_and_go():
             assert background._near == known
     assert came > 20
     assert went > 1
+
+
+@pytest.mark.sumo
+def test_what_is_observed_is_the_same_with_all_vehicles_and_whatever_is_recorded(monkeypatch):
+    """Post-encroachment times above 4 s were missing where nobody has a laser, unless all traffic was recorded."""
+
+    def observed(every: float):
+        sumo_drives = "platoon.leader=sumo", "platoon.follower=sumo"
+        changes = f"record.traffic_every_s={every}", "run.duration_s=301"
+        with Simulation.load("highway_traffic", *changes, *sumo_drives) as simulation:
+            log, clearance = [simulation.reset()], []
+            while log[-1].time < 22.0:
+                clearance.append(log[-1].measures.clearance.copy())
+                log.append(simulation.step())
+        return [now.events for now in log], np.array(clearance), log
+
+    events, clearance, log = observed(0.5)
+    assert any(event.kind == "encroachment" and event.duration > 4.0 for now in events for event in now)
+    assert 1.0 < np.nanmin(clearance) < 10.0
+    assert [now.whole is not None for now in log] == [now.step % 5 == 0 for now in log]
+    assert {*log[-1].traffic.ids} < {*log[-1].whole.ids}
+    snapshot = World.snapshot
+    monkeypatch.setattr(World, "snapshot", lambda world, fleet, *_: snapshot(world, fleet))
+    with_all, its_clearance, _ = observed(1000.0)
+    assert with_all == events
+    np.testing.assert_array_equal(its_clearance, clearance)
 
 
 @pytest.mark.sumo

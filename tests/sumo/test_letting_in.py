@@ -471,3 +471,46 @@ def waited_for(wishes: Callable[[float], dict[str, Wanted]], seconds: float) -> 
         waits.append(STEP * bool(letting_in.waiting))
         now.time += STEP
     return np.cumsum(waits)
+
+
+class Refused(Exception):
+    """As SUMO's for a lane or vehicle that it does not know."""
+
+
+@pytest.fixture
+def held():
+    """The speeds given to a car 5 m before a junction, which was to let a member in on the edge beyond."""
+
+    def speed_given(lane: str) -> list[float]:
+        given, places = [], {"member": 2.0, "car": 25.0}
+
+        def length(name: str) -> float:
+            if not name:
+                raise Refused
+            return 5.0 if name[0] == ":" else 30.0
+
+        vehicle = SimpleNamespace(
+            getRoadID=lambda _: "e", getLaneID=lambda _: "d_1", getNextTLS=lambda _: [], getLength=lambda _: 4.5,
+            getLanePosition=places.get, getSpeed=lambda _: 6.0, setSpeed=lambda _, speed: given.append(speed),
+            getPosition={"member": (37.0, 0.0), "car": (25.0, 0.0)}.get, getAngle=lambda _: 90.0,
+        )  # fmt: skip
+        lanes = SimpleNamespace(getLength=length, getLastStepVehicleIDs=lambda _: [], getInternalFoes=lambda _: [])
+        clock = SimpleNamespace(getTime=lambda: 5.0)
+        of_sumo = SimpleNamespace(vehicle=vehicle, lane=lanes, simulation=clock, TraCIException=Refused)
+        network = SimpleNamespace(only_before={"e_1": ":d_0_0", ":d_0_0": "d_1"}.get, unregulated=())
+        room, one = Wanted("e_1", 5.0, False), LettingIn(of_sumo, STEP, network)
+        one._wishes["member"], one.waiting["member"] = letting_in.Wish(room, 5.0), "car"
+        one.observe({"member": room}, {"member": (lane.rpartition("_")[0], lane)})
+        return given
+
+    return speed_given
+
+
+def test_one_that_is_off_the_road_is_let_in_where_it_is(held):
+    """To SUMO it is on no lane, as beside a lane for buses; the run ended with an error."""
+    assert held("") == held("e_0") != [OWN_DRIVER]
+
+
+def test_one_that_has_driven_on_is_let_in_no_longer(held):
+    """Its place on the next edge was taken for one on the edge before: who was to let it in braked for nothing."""
+    assert held("f_0") == [OWN_DRIVER]

@@ -15,6 +15,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.scenario.equip_tables import VEHICLE_OF
 from platoontraffic.simulation import Simulation
 from platoontraffic.sumo.client import libsumo
+from tests.support.generated import lane_that_ends
 from tests.support.runs import run
 
 pytestmark = pytest.mark.sumo
@@ -198,6 +199,46 @@ def test_a_member_that_is_stuck_is_removed_or_driven_by_sumo(file, tmp_path, rem
     assert metrics.trips_removed == (len(given_up) if remedy == "remove" else 0)
     assert metrics[["trips_finished", "trips_running", "trips_removed"]].sum() == trips.member.sum()
     assert np.isfinite(sumo.depart_s).all()
+
+
+QUEUE = """<routes>
+    <vType id="car" lcStrategic="100"/><vType id="private" vClass="private"/>
+    {}
+    <vehicle id="m" type="private" depart="48" departLane="0" departPos="150"><route edges="B C"/></vehicle>
+</routes>
+"""
+BESIDE_A_QUEUE = """
+[sumo]
+net = "{}"
+routes = ["queue.rou.xml"]
+[run]
+duration_s = 95
+[[equip]]
+share = 1.0
+types = ["private"]
+stuck = "remove"
+stuck_after_s = 12
+"""
+
+
+@pytest.mark.parametrize("step", [0.05, 0.1])
+def test_a_member_that_waits_for_room_can_be_removed(tmp_path, step):
+    """Beside a queue, where another one lets it in. The run ended with an error of SUMO's, which knew it no longer."""
+    net, waits = lane_that_ends(tmp_path, 250.0), False
+    car = '<vehicle id="q{}" type="car" depart="{}" departLane="1"><route edges="B C"/>{}</vehicle>'
+    stop = '<stop lane="B_1" startPos="240" endPos="245" duration="1000"/>'
+    cars = [car.format(k, 1 + 2.2 * k, "" if k else stop) for k in range(20)]
+    (tmp_path / "queue.rou.xml").write_text(QUEUE.format("".join(cars)))
+    (tmp_path / "queue.toml").write_text(BESIDE_A_QUEUE.format(net.name))
+    with Simulation.load(tmp_path / "queue.toml", f"run.step_s={step}") as simulation:
+        removed = -1
+        for now in simulation:
+            waits |= "m" in simulation.world._letting_in.waiting
+            if any(event.kind == "given_up" for event in now.events):
+                removed = now.step
+        assert 0 < removed < now.step - 20
+        assert "m" not in simulation.world._placement.where
+    assert waits
 
 
 PLATOONS = """<routes>

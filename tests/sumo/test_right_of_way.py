@@ -2093,12 +2093,20 @@ def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(m
     assert (free < 6.0, beside) == (True, pytest.approx(10.0, rel=0.01))
 
 
-def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():
-    """The wish of a member that was removed stayed, and vehicles waited for it."""
-    lines = StopLines(ROADS, SimpleNamespace())
-    lines._change.wanted["gone"], lines._fleet = Wanted("road_1", 5.0, False), ("gone",)
+@pytest.mark.parametrize("step", [0.1, 0.2])
+def test_nothing_is_left_of_a_look_once_the_last_member_that_heeds_lines_has_left(step):
+    """Vehicles waited for a member that was removed: one beside it for its lane change, one midway in a junction.
+
+    Also between two looks.
+    """
+    client = SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 0.1))
+    lines = StopLines(ROADS, client, step=step)
+    gone = SimpleNamespace(id="gone", law=SimpleNamespace(needs=frozenset()), model=None, route=None)
+    lines._fleet, lines._rows, lines._asking = (gone,), np.zeros(1, int), [SimpleNamespace(id="gone", size=1.0)]
+    lines._change.wanted["gone"], lines._way.stops["bus"] = Wanted("road_1", 5.0, False), 3.0
+    lines.over_line["gone"] = 0.2
     assert lines.signals(NOBODY, []) is None
-    assert not lines.room_wanted
+    assert not {**lines.room_wanted, **lines.waiting_places, **lines.over_line}
 
 
 @pytest.mark.sumo

@@ -21,7 +21,7 @@ from platoontraffic.lidar import PRESETS
 from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.network import Network
 from platoontraffic.shipped import networks
-from platoontraffic.sumo.shadows import Mover, Shadows, shadow_options
+from platoontraffic.sumo.shadows import Mover, Shadows, _Seen, shadow_options
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Motion
@@ -364,6 +364,21 @@ def beside(index: int, lateral: float, other: int, its_front: float, lanes: int)
 def test_a_vehicle_has_no_shadow_before_the_front_of_another_one_abreast(index, lateral, other, its_front, casts):
     """In a bend in Bologna a car of SUMO's had a shadow beside it, and changed lanes into the member itself."""
     assert beside(index, lateral, other, its_front, lanes=2).casts == casts
+
+
+@pytest.mark.parametrize(("its_y", "passes"), [(5.0, True), (0.0, False), (-5.0, True)])
+def test_a_vehicle_cannot_drive_past_one_that_stands_across_its_path(its_y, passes):
+    """A bus of 12 m, 25 degrees askew, its middle at y = 0: its corners are beside the path of the other one."""
+    places = {"bus": (0.0, 6.0 * np.sin(np.radians(25.0))), "car": (-3.0, its_y)}
+    vehicle = SimpleNamespace(
+        getSpeed=lambda _: 0.0, getPosition=places.get, getAngle={"bus": 65.0, "car": 90.0}.get,
+        getLength={"bus": 12.0, "car": 4.5}.get, getWidth={"bus": 2.5, "car": 1.8}.get,
+        getLanePosition={"bus": 100.0, "car": 97.0}.get,
+    )  # fmt: skip
+    lane = SimpleNamespace(getLastStepVehicleIDs=lambda _: ("car",))
+    sumo = SimpleNamespace(vehicle=vehicle, lane=lane, edge=SimpleNamespace(getLaneNumber=lambda _: 2))
+    shadows = Shadows(sumo, SimpleNamespace(left_hand=False, edges={"e": (100.0, 100.0)}), STEP)
+    assert shadows._lets_pass(Mover("bus", "type", 2.5), _Seen("e_0", 1.0, 0.0, None), 1) == passes
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from platoontraffic.world import ways_round
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import NOTHING, Fleet
 from platoontraffic.world.manoeuvres import Order
+from platoontraffic.world.sensing import Measurements
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.under_way import Seen
 from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, LONG, VERGE, WaysRound, _behind
@@ -229,6 +230,13 @@ def test_the_body_is_known_while_it_drives_round_it(since):
     for name, body in (("m.0", "bus"), ("m.1", "")):
         ways._under_way[name] = ways_round._UnderWay(None, ROUTE, body, 1.0, since=since)
     assert ways.passed == ({"bus"} if since == np.inf else set())
+
+
+def test_the_body_is_known_no_longer_once_the_member_has_left():
+    ways = WaysRound(Street(6.0))
+    ways._under_way["m.0"] = ways_round._UnderWay(None, ROUTE, "bus", 1.0)
+    ways.followed(Fleet.deployed([], 0.1), [], Measurements([], [], None), None, 2.0)
+    assert not ways.passed
 
 
 @pytest.mark.parametrize("law", LAWS)
