@@ -55,6 +55,16 @@ def desired_distance(law: Law, speed: float) -> float:
     return float(_call(law, f"in desired_distance({speed:g})", lambda: float(law.desired_distance(speed))))
 
 
+def ask(law: Law, method: Callable, *arguments: Any) -> Any:
+    """What another method of a law returns.
+
+    raises: InputError if a plug-in fails
+    """
+    if is_shipped(type(law)):
+        return method(*arguments)
+    return _call(law, f"in {method.__name__}", method, *arguments)
+
+
 def memory_of(law: Law, memory: Any, rows: np.ndarray) -> Any:
     """The rows of a law's memory for some of its vehicles.
 

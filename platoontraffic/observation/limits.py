@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.controllers.calls import ask
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.step import Step
 from platoontraffic.vehicles.records import some
@@ -30,7 +31,7 @@ class Limits:
         """
         for group, scan, seen in zip(step.fleet.groups, scans, step.seen, strict=True):
             known = scan is not None and scan.hits is not None and group.memory is not None
-            limit = group.law.braking_for(group.memory) if known else None
+            limit = ask(group.law, group.law.braking_for, group.memory) if known else None
             if limit is None:
                 continue
             number, model = step.fleet.number[group.rows], scan.model

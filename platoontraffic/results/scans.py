@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.controllers.calls import ask
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.lidar.noise import DEFAULT_NAME
 from platoontraffic.observation.instant import Instant
@@ -145,7 +146,7 @@ class ScanRecorder:
 
     def _remembered(self, group: Group) -> np.ndarray:
         """Remembered paths in the frames of the driven axles, (n, k, 2) [m]; k = 0 for laws that remember none."""
-        path = group.law.remembered_path(group.memory)
+        path = ask(group.law, group.law.remembered_path, group.memory)
         if path is None:
             return np.empty((len(group.rows), 0, 2))
         self._any_paths = True

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.controllers.calls import ask
 from platoontraffic.controllers.path_kernel import SETTLING
 from platoontraffic.road.lane_routes import CHANGE_AFTER, Line
 from platoontraffic.road.later_change import (
@@ -135,7 +136,8 @@ class LaterChanges:
 
     def _put_off_all(self, fleet: Fleet) -> Fleet:
         for group in fleet.groups:
-            limit = group.law.braking_for(group.memory) if group.memory is not None else None
+            known = group.memory is not None
+            limit = ask(group.law, group.law.braking_for, group.memory) if known else None
             for k, i in enumerate(group.rows.tolist()):
                 blocked = self._blocked.get(fleet.ids[i])
                 if blocked is None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers.calls import Occasion, decide, memory_of
+from platoontraffic.controllers.calls import Occasion, ask, decide, memory_of
 from platoontraffic.controllers.law import Body, Known, Law, RouteAhead, Sensed, Signals, Target
 from platoontraffic.errors import did_you_mean
 from platoontraffic.lidar import LidarModel, Noise, ScanBatch
@@ -484,7 +484,7 @@ class Fleet(MemberState):
         groups = []
         for group in self.groups:
             if group.memory is not None and len(where := np.flatnonzero(np.isin(group.rows, rows))):
-                group = group._replace(memory=group.law.off_trail(group.memory, where))
+                group = group._replace(memory=ask(group.law, group.law.off_trail, group.memory, where))
             groups.append(group)
         return changed(self, groups=tuple(groups))
 
@@ -626,7 +626,9 @@ class Fleet(MemberState):
         if "route" in needs:
             # What is seen is compared with it, and its predecessor may be as far away as its laser sees.
             fastest = np.maximum.reduce(given["speed"])
-            reach = np.inf if scan is None else max(2 * scan.model.range_max, group.law.looks_along(fastest))
+            reach = np.inf
+            if scan is not None:
+                reach = max(2 * scan.model.range_max, ask(group.law, group.law.looks_along, fastest))
             given["route"] = self.progress.ahead(self.model, self.motion, rows, reach)
         if "signals" in needs:
             given["signals"] = take(signals, rows)

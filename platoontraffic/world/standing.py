@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.controllers.calls import ask
 from platoontraffic.vehicles.records import some
 from platoontraffic.world.fleet import Fleet
 
@@ -31,7 +32,7 @@ def before_bodies(fleet: Fleet, slower_than: float = STANDS) -> Iterator[Standin
     if not remember or not some(slow := np.abs(fleet.motion.speed) < slower_than):
         return
     for number, group in remember:
-        limit = group.law.braking_for(group.memory)
+        limit = ask(group.law, group.law.braking_for, group.memory)
         if limit is None:
             continue
         before_body = (limit.reason == OBSTACLE) | (limit.reason == PREDECESSOR)

@@ -172,6 +172,22 @@ def test_an_error_in_a_class_that_does_not_derive_from_law_is_reported_at_its_ow
         run(folder / "run", with_law(scenario_file, "mine:Wishing"), "run.duration_s=1", "platoon.size=2")
 
 
+@pytest.mark.sumo
+@pytest.mark.parametrize("method", ["braking_for", "remembered_path", "looks_along"])
+def test_an_error_in_another_method_of_a_law_is_reported_too(folder, method):
+    """It was an unexpected error of the tool."""
+    with (folder / "mine.py").open("a") as file:
+        file.write(
+            "\n@dataclass(frozen=True)\nclass Faulty(Alone):\n"
+            "    def __call__(self, sensed, memory, dt):\n"
+            "        return super().__call__(sensed, memory, dt)._replace(memory=0 * sensed.speed)\n"
+            f"    def {method}(self, *given):\n        return 1 / 0\n"
+        )
+    file = changed(folder, "corridor_manoeuvres", 'law = "mine:Faulty", lidar = "car-tracker"', "")
+    with pytest.raises(InputError, match=f"mine.py:[0-9]+: law Faulty failed in {method}: ZeroDivisionError"):
+        run(folder / "run", file, "run.duration_s=1", "record.scans_every_s=0.5")
+
+
 @pytest.mark.parametrize(
     "given",
     [
