@@ -223,7 +223,7 @@ class Simulation:
         setting = self.setting
         sensing = Sensing(setting.scene, setting.lidar_engine, setting.seed)
         self.sensors = self.stopwatch.wrap(sensing, sense="scan")
-        self.messages = _no_messages(setting)
+        self.messages = _new_messages(setting)
         self._stopped = ""
         return self._decide(0, self._deployed)
 
@@ -333,7 +333,7 @@ class Simulation:
     def becomes(self, setting: Setting) -> None:
         """Go on by another setting, with the same members: until its `then`, all else is as before."""
         if setting.channel and not self.setting.channel:
-            self.messages = _no_messages(setting)  # nobody has listened yet
+            self.messages = _new_messages(setting)  # nobody has listened yet
         self.setting = setting
 
     @property
@@ -360,7 +360,7 @@ class Simulation:
 
     def trips(self) -> list[Trip]:
         """Trips until now of the members from the traffic, by their beginning."""
-        return self.world.trips
+        return self.world.trips if self.now else []
 
     def statistics(self) -> list[statistics.Row]:
         """Statistics of every member's measured values over all steps until now, the rows of statistics.csv.
@@ -417,7 +417,8 @@ def with_laws(setting: Setting, laws: Mapping[str, Law]) -> Setting:
     return replace(setting, members=members)
 
 
-def _no_messages(setting: Setting) -> Messages:
+def _new_messages(setting: Setting) -> Messages:
+    """Of a run that begins: nothing has been sent yet."""
     return Messages(setting.channel, setting.members, setting.dt, setting.seed, setting.scene.solids)
 
 

@@ -24,7 +24,7 @@ class Braking:
         self._hard = np.zeros(len(length), dtype=bool)  # one step before
 
     def begin(self, step: Step, new: np.ndarray) -> None:
-        """Members in the rows `new`, (m,), have just entered the road: they have no jerk yet."""
+        """Members in the rows `new`, (m,), have just entered the road: their jerk is 0 then."""
         self._acceleration[step.fleet.number[new]] = step.fleet.motion.acceleration[new]
 
     def observe(self, step: Step) -> Iterator[Event]:

@@ -195,8 +195,9 @@ def _has_others(lane: str, network: Network) -> bool:
 
 
 def _together(fleet: Fleet, choose: Set[str]) -> dict[int, list[int]]:
-    """Rows of the members that lead, are far behind their predecessors, or leave their edge by another lane than these
-    did or will; and of those behind each of them.
+    """Groups that choose a lane together: row of the member that chooses, and rows of those that follow it.
+
+    A member chooses for itself if it leads, is far behind its predecessor, or leaves the edge by another lane.
 
     choose: ids of the members that may choose their lanes
     """

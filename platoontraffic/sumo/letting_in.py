@@ -111,10 +111,11 @@ class LettingIn:
         """
 
         def refuses(foe: str, name: str) -> bool:
-            (platoon, place), (its, before) = places.get(foe, ("", 0)), places.get(name, ("", 0))
-            return foe in unwilling or (place > 0 and not (its == platoon and before < place))
+            """A follower lets in only members of its own platoon that are to be ahead of it."""
+            (own, own_place), (other, other_place) = places.get(foe, ("", 0)), places.get(name, ("", 0))
+            return foe in unwilling or (own_place > 0 and not (other == own and other_place < own_place))
 
-        before = dict(self.stops)
+        stopped_before = dict(self.stops)
         self.stops.clear()
         if not room_wanted and not self._wishes:
             return
@@ -150,8 +151,8 @@ class LettingIn:
             elif foe in where:
                 if own:
                     self.stops[foe] = self._stop(foe, name, wanted, where)
-                elif foe in before:  # to SUMO the other one is off the road, as on a lane for buses
-                    self.stops[foe] = before[foe]
+                elif foe in stopped_before:  # to SUMO the other one is off the road, as on a lane for buses
+                    self.stops[foe] = stopped_before[foe]
             else:
                 self._hold(foe, name, wanted, where)
 

@@ -115,10 +115,10 @@ class RightOfWay:
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
         # Members that were asked to let another one in: at the end of which lane, since when, and when last [s].
         self._asked: dict[str, tuple[str, float, float]] = {}
-        # Members that had a gap at the last look, and that have one now; at the end of which lane, whether beyond the
-        # place midway, and before which other place.
-        self._went: set[tuple[str, str, bool, float]] = set()
-        self._goes: set[tuple[str, str, bool, float]] = set()
+        # Members that had a gap at the last look, and those that have one at this: at the end of which lane, whether
+        # beyond the place midway, and before which other place.
+        self._had_gap: set[tuple[str, str, bool, float]] = set()
+        self._has_gap: set[tuple[str, str, bool, float]] = set()
         self.members: frozenset[str] = frozenset()  # their ids ...
         self.obedient: frozenset[str] = frozenset()  # ... and of those with a law that heeds lines
 
@@ -137,7 +137,7 @@ class RightOfWay:
     def begin_look(self) -> None:
         """All members' lines are about to be judged."""
         self.stops.clear()
-        self._went, self._goes = self._goes, set()
+        self._had_gap, self._has_gap = self._has_gap, set()
 
     def follow_stops(self, step: float) -> None:
         """The vehicles that are to stop have driven for a step [s] since, or have left."""
@@ -179,7 +179,7 @@ class RightOfWay:
         key, swings = (ego.id, line.lane, midway, until), self._conflicts[line].swings
         stood = self._waited(line, distance, ego) if swings or state not in EQUAL else 0.0
         if not foes:
-            self._goes.add(key)
+            self._has_gap.add(key)
             return True
         enters = distance + self._conflicts[line].waits if midway and until == math.inf else distance
         if swings and stood >= SWINGS_OUT_AFTER:
@@ -195,7 +195,7 @@ class RightOfWay:
             foes = [self._in_queue(foe) for foe in foes]
         met = self._met(line, foes, distance, midway, ego.length, _still_clear(ego), until)
         margin = margin_after(waited)
-        if key in self._went and ego.speed >= STANDING:
+        if key in self._had_gap and ego.speed >= STANDING:
             stops_at = enters + OVERRUN * ego.size
             if until < math.inf:  # before the first of these paths
                 stops_at = distance + min(map(_begin, (one.crossing for one in met)), default=math.inf)
@@ -203,7 +203,7 @@ class RightOfWay:
             margin = min(margin, LEAST_MARGIN) if can_stop else 0.0
         has_gap = self._has_gap_among(met, line, distance, ego, margin, enters, waited)
         if has_gap:
-            self._goes.add(key)
+            self._has_gap.add(key)
         return has_gap
 
     def may_enter(self, line: Line, state: str, ego: Ego) -> bool:
@@ -282,7 +282,7 @@ class RightOfWay:
         """
         crossing = foe.crossing
         if crossing.swings or crossing.first:
-            equal = line.state in ZIPPER and (crossing.merges or not self._is_sooner(foe, line, over))
+            equal = line.state in ZIPPER and (crossing.merges or not self._is_nearer(foe, line, over))
             return crossing.swings or not priority_too or equal
         if edge_of(crossing.before) == edge_of(line.lane):
             return True
@@ -302,7 +302,7 @@ class RightOfWay:
         """
         for crossing in self._conflicts[line].narrow:
             for one in self.on(crossing):
-                first = one.id not in self.members or self._is_sooner(one, line, over)
+                first = one.id not in self.members or self._is_nearer(one, line, over)
                 if first and not self.is_past(one):
                     yield one
             if crossing.swings:
@@ -314,7 +314,7 @@ class RightOfWay:
                 if state not in RED + STOP and not may_stop:
                     yield one
 
-    def _is_sooner(self, foe: Approach, line: Line, over: float) -> bool:
+    def _is_nearer(self, foe: Approach, line: Line, over: float) -> bool:
         """Whether another one has less far to where the paths meet; of two that have as far, the lane decides."""
         crossing = foe.crossing
         return (foe.to_line + crossing.its[0], crossing.before) < (crossing.own[0] - over, line.lane)
