@@ -4,7 +4,8 @@ Two vehicles are in line while the offset between them, across the mean of their
 their widths. The move of a vehicle across the road is the change of its distance from the border of the drivable area,
 along its right normal (or its left one, where that to the right is not continuous), so that a bend moves nobody; a
 vehicle that SUMO puts sideways at once moves by that, at its front bumper, which SUMO keeps on the lane's line. The one
-that moved more towards the other, from LANE_CHANGE_TIME before they came in line on, entered the other's lane.
+that moved more towards the other, from LANE_CHANGE_TIME before they came in line on, entered the other's lane. Of two
+whose corners touch before they are in line, one that SUMO has just put sideways did so.
 """
 
 from __future__ import annotations
@@ -71,8 +72,8 @@ class LaneEntries:
             self._past.popleft()
 
     def of(self, one: str, other: str) -> Entry | None:
-        """The last one of two vehicles that are in line now; None if they have been so for LANE_CHANGE_BLAME, are not
-        now, do not head in one direction, or if neither moved."""
+        """The last one of two vehicles that touch now; None if they have been in line for LANE_CHANGE_BLAME, are not
+        now and nobody was just put sideways, do not head in one direction, or if neither moved."""
         both = self.together(one, other)
         if len(both.time) < 2:
             return None
@@ -144,14 +145,22 @@ def entry(time: np.ndarray, poses: Sequence[Poses], names: Sequence[str], size, 
     dx, dy = b.x - a.x, b.y - a.y
     mean = np.arctan2(np.sin(a.heading) + np.sin(b.heading), np.cos(a.heading) + np.cos(b.heading))
     along, aside = dx * np.cos(mean) + dy * np.sin(mean), dy * np.cos(mean) - dx * np.sin(mean)
-    apart = np.flatnonzero((np.abs(aside) >= width.mean()) | (np.cos(b.heading - a.heading) < SAME_DIRECTION))
-    if not len(apart) or apart[-1] == len(time) - 1 or time[-1] - time[apart[-1] + 1] > LANE_CHANGE_BLAME - 1e-6:
+    across = np.cos(b.heading - a.heading) < SAME_DIRECTION
+    apart = np.flatnonzero((np.abs(aside) >= width.mean()) | across)
+    if not len(apart):
         return None
-    came = apart[-1] + 1
-    first = np.searchsorted(time, time[came] - LANE_CHANGE_TIME - 1e-6)
+    came, last = apart[-1] + 1, len(time) - 1
+    if came <= last:
+        first, least = np.searchsorted(time, time[came] - LANE_CHANGE_TIME - 1e-6), MOVED
+    elif not across[last]:  # only their corners touch
+        came, first, least = last, last - 1, AT_ONCE
+    else:
+        return None
+    if time[last] - time[came] > LANE_CHANGE_BLAME - 1e-6:
+        return None
     towards = math.copysign(1.0, aside[apart[-1]])  # the second vehicle was to the left of the first one
     moved = [towards * moves(a, length[0])[first:].sum(), -towards * moves(b, length[1])[first:].sum()]
     which = int(np.argmax(moved))
-    if moved[which] < MOVED:
+    if moved[which] < least:
         return None
     return Entry(names[which], float(time[came]), float(abs(along[came]) - length.mean()))

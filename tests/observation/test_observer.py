@@ -287,6 +287,15 @@ def test_a_car_that_is_put_onto_the_next_lane_and_turns_at_once_has_changed_lane
     assert (collision.kind, collision.what) == ("collision", "other_changed_lanes")
 
 
+@pytest.mark.parametrize(("its", "what"), [((-5.1, -5.1, -1.9), "other_changed_lanes"), ((-2.5, -2.2, -1.9), "beside")])
+def test_a_car_that_is_put_against_the_corner_of_a_member_has_changed_lanes(its, what):
+    """The member is askew, as in a lane change away from there; across the road the two are no wider than apart."""
+    observed = Observed(platoon(constant(0.0), model=CAR))
+    for k, y in enumerate(its):
+        events = observed.at(k / 10, x=0.0, heading=0.1, others=[(0.0, y)]).events
+    assert [(event.kind, event.what) for event in events] == [("collision", what)]
+
+
 @pytest.mark.parametrize("first", range(6))
 def test_members_that_come_later_have_the_same_rows(first):
     """As if all had been known from the beginning, however many come at a time."""
