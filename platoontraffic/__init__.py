@@ -8,7 +8,7 @@ from typing import Any
 from platoontraffic import _checkout
 
 # Of the sources: what pip knows of an editable install is the version at the time of installing.
-__version__ = "0.4.17"
+__version__ = "0.4.18"
 
 _checkout.add_subpackages()
 
