@@ -466,7 +466,7 @@ class RoomToChange:
         Members that go over to a lane count as being on it.
 
         Of those behind only the first one on each lane, and on lanes that lead there only if there is none: the others
-        follow it.
+        follow it. They do not follow one that has only begun to go over: they pass it.
 
         own_to_end: distance of the own front bumper to the end of the adjacent lane [m]
         own       : the own id; SUMO may have that vehicle on the adjacent lane, and a little farther back
@@ -476,15 +476,16 @@ class RoomToChange:
             reach = now.lane_length[onto] + COMES_WITHIN * now.max_speed[onto]
             self._adjacent[onto] = tuple(self._network.upstream(onto, reach))
         for name, beyond in self._adjacent[onto]:
-            to_ends, there = beyond + now.lane_length[name], now.on_lane[name]
+            to_ends, on_lane = beyond + now.lane_length[name], now.on_lane[name]
+            there = on_lane
             if over := self._over.get(name):
-                there = sorted({*there, *over}, key=lambda one: (now.position[one], one))
+                there = sorted({*on_lane, *over}, key=lambda one: (now.position[one], one))
             for vehicle in reversed(there):
                 if vehicle == own:
                     continue
                 to_end = to_ends - now.position[vehicle]
                 yield vehicle, to_end
-                if to_end > own_to_end:
+                if to_end > own_to_end and (not over or vehicle in on_lane):
                     if name == onto:
                         return
                     break

@@ -447,6 +447,17 @@ def test_a_member_that_is_going_over_is_not_the_first_vehicle_behind_itself():
     assert next(change._on_adjacent("road_1", 70.0, "m.0")) == ("comes", 80.0)
 
 
+def test_one_that_has_only_begun_to_go_over_hides_nobody_behind():
+    """A truck that came fast drove past two members at the border of its lane, into a third one ahead of them."""
+    places = {"road_0": [("m.1", 20.0), ("m.0", 30.0)], "road_1": [("truck", 5.0), ("first", 60.0)]}
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places)))
+    change._over["road_1"] = ["m.1"]
+    assert [name for name, _ in change._on_adjacent("road_1", 70.0, "m.0")] == ["first", "m.1", "truck"]
+    places["road_1"].insert(1, ("m.1", 20.0))  # now it is over
+    change._now.renew()
+    assert [name for name, _ in change._on_adjacent("road_1", 70.0, "m.0")] == ["first", "m.1"]
+
+
 @pytest.mark.parametrize(
     ("lane", "rear", "has_room"),
     [
