@@ -156,8 +156,10 @@ def run(
                 if watcher:
                     watcher.progress(Progress(len(mine), earlier, counts[DONE], counts[FAILED], ended))
                 write()
-        failures = {run.id: failure(folder, run.id)["error"] for run in mine if state(folder, run.id) == FAILED}
-    return Report(Progress(len(mine), earlier, counts[DONE], len(failures), ended), failures)
+        states = {run.id: state(folder, run.id) for run in mine}
+        failures = {run_id: failure(folder, run_id)["error"] for run_id, at in states.items() if at == FAILED}
+    done = sum(at == DONE for at in states.values())
+    return Report(Progress(len(mine), earlier, done, len(failures), ended), failures)
 
 
 def part_of(study: Study, shard: Shard) -> list[Run]:
@@ -233,7 +235,7 @@ def _check_limits(limits: Limits, executor: str) -> None:
 
 
 def _ended(to_do: Iterable[Job], folder: Path, submit: Submit, window: int) -> Iterator[str]:
-    """Execute jobs; yields DONE or FAILED when one ends. window: number of runs that are submitted at a time"""
+    """Execute jobs; yields the state of each when it ends. window: number of runs that are submitted at a time"""
     to_come = iter(to_do)
     running: dict[Future[Outcome], str] = {}
     while True:
@@ -246,9 +248,9 @@ def _ended(to_do: Iterable[Job], folder: Path, submit: Submit, window: int) -> I
             run_id, outcome = running.pop(future), _outcome(future)
             if outcome.get("stop"):
                 raise (RunError if outcome["disk"] else InputError)(outcome["error"])
-            if "error" in outcome:
+            if "error" in outcome and not is_done(folder / run_id):  # it may finish while its process is stopped
                 note_failure(folder, run_id, outcome)
-            yield FAILED if "error" in outcome else DONE
+            yield state(folder, run_id)
 
 
 def _job(run: Run, folder: Path, limits: Limits, shares: Mapping[str, Sequence[Run]]) -> Job:
