@@ -373,6 +373,9 @@ def growth(
 def estimates(table: pd.DataFrame, x: str, axes: Axes, by: str | None = None, joined: bool = True) -> Axes:
     """Means with their intervals over a column, from a table of `tables.summarise` or `tables.paired`.
 
+    A curve with two points or more in common with curves above it is thicker than these, so that equal ones can all be
+    seen.
+
     x      : a column of numbers, or of texts, which stand side by side in the order of the table
     by     : another column; a line, or for texts a row of points, for each of its values
     joined : whether a line joins the points of numbers
@@ -383,14 +386,18 @@ def estimates(table: pd.DataFrame, x: str, axes: Axes, by: str | None = None, jo
         raise ResultsError(f"estimates: must be of one metric; there are {', '.join(metrics)}")
     groups = list(table.groupby(by, sort=False)) if by else [(None, table)]
     texts = None if is_numeric_dtype(table[x]) else list(table[x].unique())
+    span = np.ptp(table["mean"].dropna()) or 1.0
+    points = [{*zip(rows[x], (rows["mean"] / span).round(2), strict=True)} for _, rows in groups]
     for i, (value, rows) in enumerate(groups):
+        above = sum(len(points[i] & others) >= min(2, len(points[i])) for others in points[i + 1 :])
         places = rows[x] if texts is None else rows[x].map(texts.index)
         values = rows.assign(**{x: places}).sort_values(x)[[x, "mean", "low", "high"]]
         at, mean, low, high = values.to_numpy(dtype=float).T
         colour, marker = COLOURS[1:][i % 7] if by else COLOURS[1], MARKERS[i % len(MARKERS)]
         axes.errorbar(
-            at, mean, np.nan_to_num([mean - low, high - mean]), color=colour, marker=marker, markersize=5,
-            linewidth=1.2, linestyle="-" if texts is None and joined else "", capsize=3,
+            at, mean, np.nan_to_num([mean - low, high - mean]), color=colour, marker=marker,
+            markersize=5 + 3 * above, linewidth=1.2 + 2 * above, capsize=3 + 2 * above,
+            linestyle="-" if texts is None and joined else "",
             label=None if value is None else str(value),
         )  # fmt: skip
     if texts is not None:

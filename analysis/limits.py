@@ -146,8 +146,9 @@ def runs_needed(sd: float, difference: float, power: float = 0.8, level: float =
 
     From the normal distribution, corrected for Student's t (Guenther, The American Statistician 35, 1981).
 
-    raises: ValueError (the difference is 0: no number of runs finds it)
+    raises: ValueError (no such standard deviation, or the difference is 0: no number of runs finds it)
     """
+    _check_sd(sd)
     wanted, allowance = _quantiles(power, level, verdicts)
     if difference == 0:
         raise ValueError("difference = 0; must be another number: no number of runs finds it")
@@ -156,6 +157,7 @@ def runs_needed(sd: float, difference: float, power: float = 0.8, level: float =
 
 def detectable(sd: float, n: int, power: float = 0.8, level: float = LEVEL, verdicts: int = 1) -> float:
     """Smallest difference that n pairs of runs find with this probability: the inverse of `runs_needed`; inf: none."""
+    _check_sd(sd)
     wanted, allowance = _quantiles(power, level, verdicts)
     return wanted * sd / math.sqrt(n - allowance) if n > allowance else math.inf
 
@@ -171,6 +173,11 @@ def _quantiles(power: float, level: float, verdicts: int) -> tuple[float, float]
 def _check(level: float) -> None:
     if not 0 < level < 1:
         raise ValueError(f"level = {level}: must be between 0 and 1")
+
+
+def _check_sd(sd: float) -> None:
+    if not 0 <= sd < math.inf:
+        raise ValueError(f"sd = {sd}: must be finite, and not negative")
 
 
 def _log_factorials(most: int) -> np.ndarray:

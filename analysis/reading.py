@@ -34,11 +34,24 @@ def read_table(
     try:
         types = dict.fromkeys((*TEXTS, *texts), text_type)
         table = pd.read_csv(file, dtype=types, keep_default_na=False, na_values=[""])
-    except (OSError, ValueError) as error:  # pandas' errors of parsing and of decoding are ValueErrors
+    except UnicodeDecodeError as error:
+        raise not_utf8(file) from error
+    except (OSError, ValueError) as error:  # pandas' errors of parsing are ValueErrors
         raise ResultsError(f"{file}: cannot be read: {' '.join(str(error).split())}") from error
     if missing := set(needed) - set(table.columns):
         raise ResultsError(f"{file}: columns are missing: {', '.join(sorted(missing))}")
     return table
+
+
+def not_utf8(file: Path) -> ResultsError:
+    """The error that names the first line of a file that is not UTF-8; what a decoder says counts from within it."""
+    with file.open("rb") as lines:
+        for number, line in enumerate(lines, start=1):
+            try:
+                line.decode()
+            except UnicodeDecodeError as error:
+                return ResultsError(f"{file}:{number}: byte 0x{line[error.start]:02x}: is not UTF-8")
+    return ResultsError(f"{file}: is not UTF-8")
 
 
 def inside(folder: Path, name: str) -> Path:

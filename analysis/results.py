@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from platoontraffic.analysis.reading import ResultsError, inside, read_table
+from platoontraffic.analysis.reading import ResultsError, inside, not_utf8, read_table
 
 # The tables that every run has, and the columns that figures and tables need.
 NEEDED = {
@@ -382,8 +382,8 @@ def _read_all(files: Sequence[Path]) -> tuple[pd.DataFrame, list[int]]:
     for file in files:
         try:
             text = file.read_text(encoding="utf-8")
-        except ValueError as error:
-            raise ResultsError(f"{file}: cannot be read: {error}") from error
+        except UnicodeDecodeError as error:
+            raise not_utf8(file) from error
         first, _, body = text.partition("\n")
         if first + "\n" != header or size > TOGETHER:
             parse()

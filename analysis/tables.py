@@ -52,6 +52,8 @@ def summarise(
     """Mean of each metric over the runs of each combination of `by`, with its interval.
 
     table     : a row a run, as `Batch.summary`
+    by        : all columns that vary, except the seed. To average over one of them, take the mean of each seed first:
+                `table.groupby([*by, "seed"], as_index=False)[metrics].mean()`
     counts    : metrics that count events, besides those that the data dictionary of `table` has as such
     geometric : means of logarithms: for ratios
     returns   : a row a combination and metric: by, metric, mean, low, high, n (runs that have a value), method of the
@@ -68,6 +70,9 @@ def summarise(
     counted = _counted(table, counts)
     rows = []
     for point, group in groups(table, by):
+        runs = group.drop_duplicates("id") if "id" in group else group  # a run may have a row for each member
+        if "seed" in group:
+            _check_seeds(runs.seed, _named(by, point))
         identical = are_identical(group)
         for metric in metrics:
             values = _numbers(group, metric)
@@ -120,14 +125,10 @@ def paired(
             raise ResultsError(f"{column}: no run has {value!r}; there are {there}")
     rows = []
     for point, group in groups(table, by):
-        at = "".join(f", {name} = {value}" for name, value in zip(by, point, strict=True))
+        at = f", {_named(by, point)}" if by else ""
         sides = [group[group[column] == value].set_index("seed") for value in between]
         for value, side in zip(between, sides, strict=True):
-            if not side.index.is_unique:
-                what = (
-                    f"several runs have seed {side.index[side.index.duplicated()][0]}; `by` must name what else varies"
-                )
-                raise ResultsError(f"{column} = {value}{at}: {what}")
+            _check_seeds(side.index, f"{column} = {value}{at}")
         identical = all(are_identical(side) for side in sides)
         for metric in metrics:
             pairs = pd.concat([_numbers(side, metric) for side in sides], axis=1, join="inner")
@@ -145,6 +146,17 @@ def paired(
             rows.append((*point, metric, *found[:3], len(more), *rest))
     _warn([row[:-3] for row in rows])
     return tidy(rows, [*by, "metric", "mean", "low", "high", "n", "method", "sd", "p", "left_out"], table)
+
+
+def _named(by: Names, point: tuple) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in zip(by, point, strict=True))
+
+
+def _check_seeds(seeds: pd.Series | pd.Index, at: str) -> None:
+    """raises: ResultsError if several runs have one seed, so that they are not independent"""
+    if not seeds.is_unique:
+        what = f"several runs have seed {seeds[seeds.duplicated()].to_list()[0]}; `by` must name what else varies"
+        raise ResultsError(f"{at}: {what}" if at else what)
 
 
 def are_identical(runs: pd.DataFrame) -> bool:

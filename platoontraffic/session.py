@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+from numbers import Integral
 from pathlib import Path
 
 from platoontraffic import recording
 from platoontraffic import scenario as scenarios
 from platoontraffic.analysis import Batch, Results, load
-from platoontraffic.errors import RunError
+from platoontraffic.errors import InputError, RunError
 from platoontraffic.study import batch as batches
 from platoontraffic.study import study as studies
 
@@ -24,8 +25,9 @@ def run(
 
     raises: InputError with one line for every fault found, RunError, MetricError
     """
+    results = _folder(results)
     prepared = recording.prepare(scenarios.load(scenario, changes, seed))
-    folder = recording.result_folder(prepared.scenario, Path(results))
+    folder = recording.result_folder(prepared.scenario, results)
     if force or not recording.is_done(folder):
         recording.run(prepared, folder, replace=force)
     return load(folder)
@@ -43,10 +45,22 @@ def batch(
 
     raises: InputError with one line for every fault found, RunError (runs failed; all others are kept)
     """
+    if jobs is None:
+        jobs = os.cpu_count() or 1
+    elif not isinstance(jobs, Integral) or jobs < 1:
+        raise InputError(f"jobs: {jobs!r}: must be a whole number, 1 or more")
+    results = _folder(results)
     loaded = studies.load(study, changes)
-    folder, slots = Path(results) / loaded.name, jobs or os.cpu_count() or 1
-    report = batches.run(loaded, folder, slots=slots, retry_failed=retry)
+    folder = results / loaded.name
+    report = batches.run(loaded, folder, slots=int(jobs), retry_failed=retry)
     if report.failures:
         first = next(iter(report.failures.items()))
         raise RunError(f"{folder}: {len(report.failures)} of {len(loaded.runs)} runs failed; {first[0]}: {first[1]}")
     return load(folder)
+
+
+def _folder(results: str | Path) -> Path:
+    """raises: InputError if it is no name of a folder"""
+    if not isinstance(results, str | Path):
+        raise InputError(f"results: {results!r}: must be a folder")
+    return Path(results)

@@ -35,6 +35,30 @@ def test_a_batch_gives_its_tables_and_names_a_run_that_fails(tmp_path):
     assert list(batch.summary.seed) == [1, 2]
 
 
+@pytest.mark.parametrize("jobs", [0, -1, 1.5, "2"])
+def test_jobs_are_a_whole_number_from_one(tmp_path, jobs):
+    with pytest.raises(InputError, match=f"jobs: {jobs!r}: must be a whole number, 1 or more"):
+        platoontraffic.batch("yardsticks", results=tmp_path / "results", jobs=jobs)
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: platoontraffic.run("paper_loop", results=5), "results: 5: must be a folder"),
+        (lambda: platoontraffic.batch("yardsticks", results=None), "results: None: must be a folder"),
+        (lambda: platoontraffic.run(5), "scenario: 5: must be a file, or the name of a shipped one"),
+        (lambda: platoontraffic.batch(5), "study: 5: must be a file, or the name of a shipped one"),
+        (lambda: platoontraffic.run("paper_loop", 5), "changes: (5,): must be texts such as 'platoon.size=3'"),
+        (lambda: platoontraffic.batch("yardsticks", 5), "changes: (5,): must be texts such as 'platoon.size=3'"),
+    ],
+)
+def test_an_argument_of_another_type_is_said_in_a_line(call, said):
+    with pytest.raises(InputError) as raised:
+        call()
+    assert str(raised.value) == said
+
+
 def test_a_seed_may_be_of_numpy_but_not_a_fraction(tmp_path):
     one = Simulation.load("paper_loop", seed=np.int64(7))
     assert one.setting.seed == 7

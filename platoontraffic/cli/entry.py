@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Any
 
 from platoontraffic.cli.signals import end_at_once
 
@@ -19,7 +20,25 @@ def main() -> None:
         sys.exit(2)
     from platoontraffic.cli.main import app
 
-    app()
+    try:
+        code = app(standalone_mode=False)
+    except Exception as error:
+        if not hasattr(error, "format_message"):
+            raise
+        code = _of_usage(error)
+    sys.exit(code)
+
+
+def _of_usage(error: Any) -> int:
+    """Say what is wrong with the words of a command in one line; returns the exit code.
+
+    error: click's, or that of the copy of click in typer
+    """
+    if type(error).__name__ == "NoArgsIsHelpError":  # no words at all: the help
+        error.show()
+    else:
+        print(f"platoontraffic: {' '.join(error.format_message().split()).rstrip('.')}", file=sys.stderr)
+    return error.exit_code
 
 
 def open_streams() -> None:

@@ -14,7 +14,16 @@ from platoontraffic.analysis.tables import are_identical
 from platoontraffic.analysis.writing import write
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.report.figures import heat_map, lines, values_of
-from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
+from platoontraffic.report.markup import (
+    details,
+    document,
+    figure_files,
+    first_figures,
+    read_json,
+    repeating,
+    table,
+    text,
+)
 
 MOST_ROWS = 500  # rows of a table in the page; runs.csv and summary.csv have all
 MOST_VALUES = 12  # values of a key that are listed
@@ -75,7 +84,8 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
 def _facts(batch: Batch, name: str, points: int) -> str:
     """Line below the title, and key figures."""
     states = batch.runs.status.value_counts()
-    facts = [name, *(f"{n} {kind}" for kind, n in states.items()), "repeat it: platoontraffic batch study.toml"]
+    repeated = repeating("batch", batch.folder, "study.toml", above=1)
+    facts = [name, *(f"{n} {kind}" for kind, n in states.items()), f"repeat it: {repeated}"]
     counts = {
         "runs": len(batch.runs),
         "done": len(batch.summary),

@@ -6,6 +6,8 @@ import base64
 import html
 import io
 import json
+import os
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,6 +54,19 @@ def table(caption: str, headings: Iterable[str], rows: Iterable[tuple[str, ...]]
     )
     whole = f"<table><caption>{text(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     return f'<div class="wide" tabindex="0" role="region" aria-label="{text(caption)}">{whole}</div>'
+
+
+def repeating(command: str, folder: Path, file: str, above: int) -> str:
+    """The command that repeats a run or a batch, from the present working directory, with the same --out.
+
+    file  : in the folder; has all that was run
+    above : number of folders from the folder up to that of --out
+    """
+    out = folder.resolve().parents[above - 1]
+    if not folder.is_absolute():
+        out = Path(os.path.relpath(out))
+    into = [] if out == Path("results") else ["--out", str(out)]
+    return shlex.join(["platoontraffic", command, str(folder / file), *into])
 
 
 def details(summary: str, inside: str, opened: bool = False) -> str:

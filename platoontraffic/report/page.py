@@ -13,7 +13,16 @@ from platoontraffic.analysis.figures import main_platoon, with_followers
 from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import write
-from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
+from platoontraffic.report.markup import (
+    details,
+    document,
+    figure_files,
+    first_figures,
+    read_json,
+    repeating,
+    table,
+    text,
+)
 
 MOST_EVENTS = 1000  # listed in the page; events.csv has all
 CAPTIONS_OF_SCOPES = {
@@ -93,7 +102,7 @@ def _facts(results: Results, facts: dict[str, Any]) -> Iterable[str]:
     ):
         if facts.get(key) is not None:
             yield words.format(facts[key])
-    yield "repeat it: platoontraffic run config.toml"
+    yield f"repeat it: {repeating('run', results.folder, 'config.toml', above=2)} --force"
 
 
 def _first(results: Results) -> str:

@@ -42,17 +42,16 @@ class Workers:
 
         raises: RunError if no process can be started
         """
-        began = time.monotonic()
         if job["warm_up"] and (outcome := self._run_warm(job, say)):
             return outcome
         for attempt in range(2):
             process = self._started(new=attempt > 0)
-            pulse, used = Pulse(job["id"], say), process.used
+            pulse, used, began = Pulse(job["id"], say), process.used, time.monotonic()
             try:
                 outcome = process.run(job, pulse)
                 again = used and "error" in outcome and not outcome["stop"]
             except Stopped as stopped:
-                outcome, again = {"error": stopped.why, "traceback": stopped.words, "stop": False}, stopped.again
+                outcome, again = _failed(stopped, began), stopped.again
                 self._end(process)
             else:
                 self._end(process) if again else self._idle.append(process)
@@ -60,7 +59,7 @@ class Workers:
                 pulse.end()
             if not again:
                 break
-        return outcome | {"wall_s": round(time.monotonic() - began, 3)}
+        return outcome
 
     def _run_warm(self, job: Job, say: Say) -> Outcome | None:
         """The outcome of a run that shares its warm-up; None if it failed, and is to be tried by itself."""
@@ -74,9 +73,7 @@ class Workers:
         try:
             outcome = self._warm_ups.run(job, pulse)
         except Stopped as stopped:
-            wall = round(time.monotonic() - began, 3)
-            failed = {"error": stopped.why, "traceback": stopped.words, "stop": False, "wall_s": wall}
-            return None if stopped.again else failed
+            return None if stopped.again else _failed(stopped, began)
         except InputError:
             return None
         finally:
@@ -130,6 +127,12 @@ class Workers:
     def _end(self, process: WorkerProcess) -> None:
         process.close()
         self._all.discard(process)
+
+
+def _failed(stopped: Stopped, began: float) -> Outcome:
+    """The outcome of a run that was stopped. began: when its process was given the job, for one without a limit"""
+    took = time.monotonic() - began if stopped.took is None else stopped.took
+    return {"error": stopped.why, "traceback": stopped.words, "stop": False, "wall_s": round(took, 3)}
 
 
 _of_this_process = Workers()  # shared by the threads of a dask worker

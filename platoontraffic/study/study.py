@@ -137,6 +137,10 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), before_code: B
 
     raises: InputError with one line for every fault found
     """
+    if not isinstance(name_or_file, str | Path):
+        raise InputError(f"study: {name_or_file!r}: must be a file, or the name of a shipped one")
+    if not all(isinstance(argument, str) for argument in arguments):
+        raise InputError(f"changes: {arguments}: must be texts such as 'platoon.size=3'")
     source = _find(name_or_file)
     file, place = _read(source)
     base = _base(file.base, source, place)

@@ -31,15 +31,18 @@ START = 300.0  # longest time in which a process starts [s]; it may lie on a slo
 class Stopped(Exception):
     """A worker process ended, or was stopped, before it gave an outcome."""
 
-    def __init__(self, why: str, words: str = "", again: bool = True, from_outside: bool = False) -> None:
+    def __init__(
+        self, why: str, words: str = "", again: bool = True, from_outside: bool = False, took: float | None = None
+    ) -> None:
         """
         why          : one line
         words        : end of its stderr
         again        : its run may do better in a new process
         from_outside : a signal has killed it, or the machine is short of something
+        took         : wall time of its run until a limit was reached [s]; None: no limit was
         """
         super().__init__(why)
-        self.why, self.words, self.again, self.from_outside = why, words, again, from_outside
+        self.why, self.words, self.again, self.from_outside, self.took = why, words, again, from_outside, took
 
 
 class WorkerProcess:
@@ -108,7 +111,8 @@ class WorkerProcess:
                 check_limits(job, time.monotonic() - began, lambda: self._census.memory(self._process.pid))
             except Stopped as stopped:
                 # Time is the run's own; memory may be what earlier runs have left in the process.
-                raise Stopped(stopped.why, self._where(), again=stopped.again and used) from None
+                again = stopped.again and used
+                raise Stopped(stopped.why, self._where(), again, took=stopped.took) from None
 
     def close(self) -> None:
         """Kill it and what it has started."""
@@ -162,9 +166,9 @@ class WorkerProcess:
 def check_limits(job: Job, took: float, memory: Callable[[], float]) -> None:
     """raises: Stopped if a run has taken more time [s] or memory [MB] than its job allows"""
     if job["timeout_s"] and took > job["timeout_s"]:
-        raise Stopped(f"timeout after {job['timeout_s']:g} s", again=False)
+        raise Stopped(f"timeout after {job['timeout_s']:g} s", again=False, took=took)
     if job["memory_mb"] and memory() > job["memory_mb"]:
-        raise Stopped(f"memory above {job['memory_mb']:g} MB")
+        raise Stopped(f"memory above {job['memory_mb']:g} MB", took=took)
 
 
 def _cause(code: int) -> str:

@@ -214,6 +214,17 @@ def test_estimates_are_points_with_bars(summary, axes):
     np.testing.assert_allclose([ends[:, 1] for ends in bars.get_segments()], own[["low", "high"]].to_numpy())
 
 
+def test_equal_curves_can_all_be_seen(axes):
+    points = [
+        (law, x, mean) for law, means in (("a", (1, 2)), ("b", (1, 3)), ("c", (1, 2))) for x, mean in enumerate(means)
+    ]
+    table = pd.DataFrame(points, columns=["law", "x", "mean"]).assign(metric="m", low=0.0, high=4.0)
+    estimates(table, "x", axes, "law")
+    (a, *_), (b, *_), (c, *_) = axes.containers
+    assert a.get_linewidth() > b.get_linewidth() == c.get_linewidth()
+    assert a.get_markersize() > b.get_markersize() == c.get_markersize()
+
+
 def test_estimates_over_texts_stand_side_by_side(axes):
     runs = pd.DataFrame({"law": ["tracking", "tracking", "acc", "acc"], "gap_m_mean": [1.0, 2.0, 3.0, 5.0]})
     estimates(summarise(runs, "gap_m_mean", "law"), "law", axes)

@@ -203,5 +203,12 @@ def test_what_has_no_limits_is_said():
         runs_needed(1.0, 0.0)
 
 
+@pytest.mark.parametrize("sd", [-1, math.nan, math.inf])
+def test_a_standard_deviation_is_finite_and_not_negative(sd):
+    for function, other in ((runs_needed, 0.5), (detectable, 10)):
+        with pytest.raises(ValueError, match=f"sd = {sd}: must be finite, and not negative"):
+            function(sd, other)
+
+
 def test_holm_leaves_out_what_is_no_p_value():
     np.testing.assert_allclose(holm([np.nan, 0.01, 0.04]), [np.nan, 0.02, 0.04])

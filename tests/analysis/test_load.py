@@ -130,6 +130,18 @@ def test_a_table_that_was_cut_off_is_refused(copy, name):
         load(copy).table("trajectories")
 
 
+def test_a_byte_that_is_not_utf8_is_named_with_its_line(copy):
+    file = next(copy.glob("*-s1")) / "trajectories.csv"
+    content = bytearray(file.read_bytes())
+    content[2000] = 0xFF
+    file.write_bytes(content)
+    line = content[:2000].count(b"\n") + 1
+    for read in (lambda: load(file.parent), lambda: load(copy).table("trajectories")):
+        with pytest.raises(ResultsError) as raised:
+            read()
+        assert str(raised.value) == f"{file}:{line}: byte 0xff: is not UTF-8"
+
+
 def test_a_cell_that_is_no_number_is_named(copy):
     file = sorted(copy.glob("*-s1/trajectories.csv"))[1]
     first, second, *rest = file.read_text().splitlines()

@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from platoontraffic.analysis import Batch, interval, paired, summarise
+from platoontraffic.analysis import Batch, ResultsError, interval, paired, summarise
 
 SIZE = "platoon.size"
+BOTH = [SIZE, "sumo.demand"]
 
 
 @pytest.fixture
@@ -36,24 +37,36 @@ def test_a_row_a_combination(summary):
     assert (table.n == 5).all()
     assert ((table.low < table["mean"]) & (table["mean"] < table.high)).all()
     assert table.attrs["units"]["delay_s"] == "s"
-    assert len(summarise(summary, ["delay_s", "seed"])) == 2
+    assert len(summarise(summary, ["delay_s", "seed"], BOTH)) == 8
+
+
+def test_points_with_common_seeds_are_not_taken_for_more_runs(summary):
+    """Four seeds at two sizes are not the eight values that an interval needs."""
+    four = summary[(summary["sumo.demand"] == 1.0) & (summary.seed < 5)]
+    with pytest.raises(ResultsError, match=r"^several runs have seed 1; `by` must name what else varies$"):
+        summarise(four, "delay_s")
+    with pytest.raises(ResultsError, match=r"^sumo\.demand = 0\.5: several runs have seed 1; "):
+        summarise(summary, "delay_s", "sumo.demand")
+    of_seeds = four.groupby("seed", as_index=False)["delay_s"].mean()
+    (row,) = summarise(of_seeds, "delay_s").itertuples()
+    assert (row.n, row.mean) == (4, pytest.approx(four.delay_s.mean()))
 
 
 def test_of_a_batch_it_is_that_of_its_summary(summary, tmp_path):
     batch = Batch(tmp_path, summary, summary, [SIZE, "sumo.demand"])
-    pd.testing.assert_frame_equal(summarise(batch, "delay_s", SIZE), summarise(summary, "delay_s", SIZE))
+    pd.testing.assert_frame_equal(summarise(batch, "delay_s", BOTH), summarise(summary, "delay_s", BOTH))
 
 
 def test_the_same_table_in_any_order_gives_the_same_bytes(summary):
-    once = summarise(summary, "delay_s", SIZE).to_csv()
-    assert summarise(summary.sample(frac=1, random_state=3), "delay_s", SIZE).to_csv() == once
+    once = summarise(summary, "delay_s", BOTH).to_csv()
+    assert summarise(summary.sample(frac=1, random_state=3), "delay_s", BOTH).to_csv() == once
 
 
 def test_missing_values_are_not_counted(summary):
     summary.loc[summary[SIZE] == 1, "delay_s"] = np.nan
-    first, second = summarise(summary, "delay_s", SIZE).itertuples()
+    first, _, second, _ = summarise(summary, "delay_s", BOTH).itertuples()
     assert (first.n, math.isnan(first.mean), math.isnan(first.low)) == (0, True, True)
-    assert second.n == 10
+    assert second.n == 5
 
 
 def test_an_interval_moves_and_grows_with_its_values():
@@ -94,7 +107,7 @@ def test_pairing_removes_what_a_seed_does_to_both(summary):
     assert (table.left_out == "").all()
     backwards = paired(summary, "delay_s", SIZE, (5, 1), "sumo.demand")
     assert backwards["mean"].to_list() == pytest.approx((-table["mean"]).to_list())
-    apart = summarise(summary, "delay_s", SIZE)
+    apart = summarise(summary, "delay_s", BOTH)
     assert (apart.high - apart.low).min() > 500
 
 
@@ -112,7 +125,7 @@ def test_seeds_that_only_one_has_are_left_out_and_named(summary):
     [
         (lambda t: summarise(t, "delay"), r"'delay': not a column; did you mean 'delay_s'\?"),
         (lambda t: summarise(t, "delay_s", "sizes"), "'sizes': not a column; "),
-        (lambda t: summarise(t, "id"), "'id': has no numbers, such as 'run10.51'"),
+        (lambda t: summarise(t, "id", BOTH), "'id': has no numbers, such as 'run10.51'"),
         (lambda t: summarise(t[:0], "delay_s"), "no run is done"),
         (lambda t: paired(t, "delay_s", SIZE, (1, 5)), "seed 1; `by` must name what else varies"),
         (lambda t: paired(t, "delay_s", SIZE, (1, 4), "sumo.demand"), "platoon.size: no run has 4; there are 1, 5"),

@@ -235,6 +235,27 @@ def test_an_empty_word_is_refused(words: tuple[str, ...], said: str):
     assert (done.returncode, done.stderr.decode()) == (2, f"{said}; must be a text, or be left out\n")
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("prove grid --routes 0", "Invalid value for '--routes': "),
+        ("batch yardsticks -j 0", "Invalid value for '-j' / '--jobs': "),
+        ("run paper_loop --seed x", "Invalid value for '--seed': "),
+        ("run paper_loop --seed", "Option '--seed' requires an argument"),
+        ("run", "Missing argument 'SCENARIO'"),
+        ("nets foo", "No such command 'foo'"),
+    ],
+)
+def test_a_fault_of_the_words_is_one_line(words: str, said: str):
+    done = command(*words.split())
+    (line,) = done.stderr.decode().splitlines()
+    assert (done.returncode, done.stdout, line.startswith(f"platoontraffic: {said}")) == (2, b"", True)
+
+
+def test_without_words_there_is_the_help():
+    assert command("nets").stderr.decode().startswith("Usage: ")
+
+
 @pytest.mark.parametrize("number", ["0", "x"])
 def test_a_number_of_threads_that_numba_does_not_take(number: str):
     done = command("check", "paper_loop", NUMBA_NUM_THREADS=number)

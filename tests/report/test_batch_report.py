@@ -100,8 +100,22 @@ def test_keys_of_whole_numbers_have_whole_numbers_at_their_axes(batch):
         assert all(label.get_text().isdigit() for label in labels)
 
 
-def test_the_command_that_repeats_the_batch_is_there(batch):
-    assert "repeat it: platoontraffic batch study.toml" in report(batch)
+@pytest.mark.parametrize(
+    ("out", "where", "folder", "words"),
+    [
+        ("results", ".", "results/study", "results/study/study.toml"),
+        ("other", ".", "other/study", "other/study/study.toml --out other"),
+        ("results", "results/study", ".", "study.toml --out .."),
+    ],
+)
+def test_the_command_that_repeats_the_batch_writes_to_the_same_folder(tmp_path, monkeypatch, out, where, folder, words):
+    made_batch(tmp_path / out / "study", {KEY: [2, 3]})
+    monkeypatch.chdir(tmp_path / where)
+    assert f"repeat it: platoontraffic batch {words}</p>" in report(Path(folder))
+
+
+def test_the_command_is_that_of_any_folder_where_the_batch_is_named_by_its_whole_path(batch):
+    assert f"repeat it: platoontraffic batch {batch}/study.toml --out {batch.parent}</p>" in report(batch)
 
 
 def test_metrics_may_be_chosen(batch):

@@ -123,6 +123,11 @@ def test_it_fits_every_screen_and_a_reader_has_a_name_for_all_of_it(report, brow
     context.close()
 
 
+def test_the_command_that_repeats_the_run_writes_to_the_same_folder(report):
+    said = f"repeat it: platoontraffic run {report.parent}/config.toml --out {report.parents[2]} --force</p>"
+    assert said in report.read_text(encoding="utf-8")
+
+
 def test_the_same_run_gives_the_same_bytes(report, tmp_path):
     page(report.parent, tmp_path / "report.html")
     for file in tmp_path.iterdir():

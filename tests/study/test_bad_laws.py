@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from platoontraffic.errors import InputError
-from platoontraffic.study import batch, silence, study
+from platoontraffic.study import batch, silence, study, worker_process
 from tests.support.bad_laws import KINDS
 from tests.support.batches import alive, call, done, invoked, started, statuses, until, workers_below
 
@@ -65,6 +65,22 @@ def test_a_run_that_hangs_is_stopped_and_its_row_says_so(bad, tmp_path):
     assert "(1 of them earlier), 2 failed" in again.stdout
     again = batch.run(study.load(file), folder, slots=2, retry_failed=True, limits=batch.Limits(timeout=1.0))
     assert (again.progress.ended_now, set(again.failures.values())) == (2, {"timeout after 1 s"})
+    times = [float(row["wall_s"]) for row in rows(folder) if row["error"]]
+    assert all(1.0 < time < 1.9 for time in times)  # it takes a second more until the process is stopped
+
+
+def test_a_run_that_finishes_while_it_is_stopped_is_done(bad, tmp_path, monkeypatch):
+    folder = tmp_path / "out"
+
+    def finishes(process: worker_process.WorkerProcess) -> str:
+        until(lambda: done(folder))
+        return ""
+
+    monkeypatch.setattr(worker_process.WorkerProcess, "_where", finishes)
+    report = batch.run(study.load(bad("fine")), folder, slots=1, limits=batch.Limits(timeout=0.01))
+    assert (report.progress.done, report.progress.failed, report.failures) == (1, 0, {})
+    assert statuses(folder) == ["done"]
+    assert not list(folder.glob("*.unfinished"))
 
 
 @pytest.mark.parametrize(
