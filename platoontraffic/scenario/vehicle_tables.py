@@ -20,6 +20,8 @@ from platoontraffic.scenario.defaults import VEHICLE
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 
+# The points of a route are a tenth of its vehicle's length apart: those of a shorter one would fill the memory.
+Footprint = Annotated[float, Field(ge=0.05, le=100)]  # length or width [m]
 Offset = Annotated[float, Field(ge=-100, le=100)]  # on a vehicle [m]
 Error = Annotated[float, Field(ge=0, le=100)]  # in the unit of its key
 Delay = Annotated[float, Field(ge=0, le=1)]  # [s]
@@ -35,9 +37,9 @@ class Vehicle(Named):
 
     type: str = VEHICLE
     """Name of the vehicle; `platoontraffic list vehicles` prints all."""
-    length_m: Size | None = None
+    length_m: Footprint | None = None
     """Length of the footprint [m]. Default: that of the type."""
-    width_m: Size | None = None
+    width_m: Footprint | None = None
     """Width of the footprint [m]. Default: that of the type."""
     axle_m: Offset | None = None
     """Position of the driven axle (robots) or the rear axle (cars), forward of the centre [m]; negative: behind it.

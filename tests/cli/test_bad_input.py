@@ -20,6 +20,7 @@ from tests.support import ROOT
 
 LONG = "a" * 300
 CORRIDOR = shipped.networks()["corridor"]
+BOX = '[[obstacle]]\nkind = "box"\nx_m = 1.0\ny_m = 2.0\nlength_m = 1e-9\n[run]'
 Write = Callable[..., Path]
 
 
@@ -50,6 +51,9 @@ def assert_refused(done: Result, said: str) -> None:
         ("[run]", "[record]\nscans_every_s = 1e307\n[run]", "record.scans_every_s: 1e+307: should be less than"),
         ("gap_m = 0.45", "gap_m = 1e308", "mine.toml:14: platoon.0.gap_m: 1e+308: should be less than"),
         ("position_m = 1.9", "position_m = 1.9, time_s = 1e308", "platoon.0.start.time_s: 1e+308: should be less than"),
+        ("gap_m = 0.45", "vehicle = { length_m = 1e-9 }", "vehicle.length_m: 1e-09: should be greater than"),
+        ("gap_m = 0.45", "vehicle = { width_m = 1e-9 }", "vehicle.width_m: 1e-09: should be greater than"),
+        ("[run]", BOX, "mine.toml:10: obstacle.0.length_m: 1e-09: should be greater than or equal to 0.01"),
         ('law = "reactive"', 'law = "reactive"\nlidars = { x = { rate_hz = 1e-320 } }', "must be a multiple"),
         ("size = 5", "size = 9" + "9" * 5000, "mine.toml:12: platoon.0.size: has an integer of more than 64 bits"),
         ("size = 5", "size = 0x9" + "9" * 5000, "mine.toml:12: platoon.0.size: has an integer of more than 64 bits"),
