@@ -110,6 +110,29 @@ def test_each_key_of_another_class_of_vehicle_is_a_fault(scenario_file):
     assert "max_wheel_speed_radps: 9.0: a key of paper-robot, not of van; did you mean" in speed
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (["vehicle.wheelbase_m=99"], "vehicle.wheelbase_m: 99.0: must be at most 3.64, from the rear axle"),
+        (["vehicle.axle_m=50"], "vehicle.axle_m: 50.0: must be from -2.37 to 2.37, within"),
+        (["vehicle.length_m=2"], "vehicle.length_m: 2.0: axle_m must be from -1 to 1, within"),
+        (["vehicle.length_m=3", "vehicle.axle_m=-1"], "vehicle.length_m: 3.0: wheelbase_m must be at most 2.5"),
+        (["vehicle.max_jerk_mps3=1e-6"], "vehicle.max_jerk_mps3: 1e-06: should be greater than or equal to 0.1"),
+        (["vehicle.response_s=1e9"], "vehicle.response_s: 1000000000.0: should be less than or"),
+        (["vehicle.lag_s=1e9"], "vehicle.lag_s: 1000000000.0: should be less than or"),
+        (["follower.time_headway_s=1e9"], "follower.time_headway_s: 1000000000.0: should be less than or"),
+    ],
+)  # fmt: skip
+def test_a_car_that_cannot_be_is_a_fault(changes, said):
+    (fault,) = faults("highway_tracking", *(f"platoon.{change}" for change in changes))
+    assert fault.startswith(f"argument 1: platoon.0.{said}")
+
+
+def test_wheels_of_a_robot_are_not_farther_apart_than_it_is_wide():
+    (fault,) = faults("paper_loop", "platoon.vehicle.wheel_separation_m=0.2")
+    assert fault == "argument 1: platoon.0.vehicle.wheel_separation_m: 0.2: must be at most 0.15, the width"
+
+
 @pytest.mark.parametrize("name", VEHICLES)
 def test_a_named_vehicle_is_that_of_the_catalogue(name):
     assert vehicle(f"vehicle={name}") == VEHICLES[name]
