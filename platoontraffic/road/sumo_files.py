@@ -17,6 +17,7 @@ from platoontraffic.road.requests import Requests
 from platoontraffic.road.sumo_values import MOST, unsound
 
 NETWORK = "a SUMO network (.net.xml)"
+TRAFFIC = "must be a route file or an additional file of SUMO"
 OTHER_ROOTS = {
     "net": "a network",
     "nodes": "a plain node file",
@@ -167,7 +168,7 @@ def id_clashes(path: Path, ids: Collection[str], within: tuple[Path, ...] = ()) 
     A flow numbers its vehicles: those of flow `x` are `x.0`, `x.1` and so on.
 
     within : files that include this one
-    raises : InputError where a file cannot be read, includes itself, or has a number that is not sound
+    raises : InputError where a file cannot be read, is of another kind, includes itself, or has an unsound number
     """
     if path.resolve() in within:
         raise InputError(f"{within[-1]}: includes {path.name}, which leads back to it; must not")
@@ -175,7 +176,14 @@ def id_clashes(path: Path, ids: Collection[str], within: tuple[Path, ...] = ()) 
     included: list[str] = []
     by_flow = {name.rpartition(".")[0]: name for name in sorted(ids, reverse=True)}
 
+    root = ""
+
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
+        nonlocal root
+        if not root:
+            root = tag
+            if tag in OTHER_ROOTS.keys() - {"routes", "additional"}:  # SUMO reads files of any other root
+                raise fault_at(path, parser, f"{wrong_root(tag)}; {TRAFFIC}")
         if tag == "include" and attributes.get("href"):
             included.append(attributes["href"])
         name = attributes.get("id", "")
@@ -186,7 +194,7 @@ def id_clashes(path: Path, ids: Collection[str], within: tuple[Path, ...] = ()) 
             fault = fault_at(path, parser, f"{tag} '{name}' is, or makes, '{made}'")
             clashes.append((made, str(fault)))
 
-    parse(path, start, "must be a route file or an additional file of SUMO")
+    parse(path, start, TRAFFIC)
     for name in included:
         clashes += id_clashes(path.parent / name, ids, (*within, path.resolve()))
     return clashes

@@ -172,6 +172,7 @@ def test_networks_that_crash_sumo_or_were_driven(
         ),
         ("a.add.xml", '<additional><include href="a.add.xml"/></additional>', "includes a.add.xml, which leads back"),
         ("a.add.xml", '<additional><include href="b.add.xml"/></additional>', "b.add.xml: no such file"),
+        ("a.add.xml", "<net/>", "a.add.xml:1: root element is <net>, a network; must be a route file or an additional"),
         ("a.add.xml", '<additional><vType id="t" length="-1"/></additional>', "vType 't': length = \"-1\"; must be"),
         ("a.add.xml", '<additional><vType id="t" tau="nan"/></additional>', "vType 't': tau = \"nan\"; must be"),
         ("a.add.xml", '<additional><flow id="f" period="inf"/></additional>', "flow 'f': period = \"inf\"; must be"),
@@ -181,6 +182,12 @@ def test_additional_files(name: str, text: str, said: str, tmp_path: Path, scena
     (tmp_path / name).write_text(text)
     file = scenario_file(('net = "lab_loop"', f'net = "lab_loop"\nadditional = ["{name}"]'))
     assert_refused(call("check", file), said)
+
+
+def test_a_network_given_as_a_route_file(scenario_file: Write):
+    """It was taken for traffic of no vehicles."""
+    file = scenario_file(('net = "lab_loop"', f'net = "lab_loop"\nroutes = ["{CORRIDOR}"]'))
+    assert_refused(call("check", file), "root element is <net>, a network; must be a route file or an additional file")
 
 
 def test_a_netedit_configuration_that_names_itself(tmp_path: Path):
