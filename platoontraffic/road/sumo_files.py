@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import os
 import zlib
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
@@ -230,8 +229,6 @@ def parse(
     raises  : InputError
     """
     path = Path(path)
-    if os.path.isdir(path):
-        raise InputError(f"{path}: is a folder; {wanted}")
     if absent := no_file(path):
         raise InputError(f"{path}: {absent}; {wanted}")
     parser = expat.ParserCreate()

@@ -175,8 +175,8 @@ def _find(name_or_file: str | Path) -> Path:
         raise InputError(f"{file}: is the folder of a run; its scenario is {file / 'config.toml'}")
     if not no_file(file / "study.toml"):
         raise InputError(f"{file}: is the folder of a batch; its study is {file / 'study.toml'}")
-    if os.path.isdir(file):
-        raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
+    if absent == "is a folder":
+        raise InputError(f"{file}: is a folder; must be a scenario file, or the name of a shipped scenario")
     if str(name_or_file) in shipped.studies():
         raise InputError(f"{name_or_file}: is a shipped study; `platoontraffic batch {name_or_file}` runs it")
     hint = did_you_mean(str(name_or_file), known)

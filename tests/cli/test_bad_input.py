@@ -217,6 +217,21 @@ def test_names_that_are_too_long(arguments: tuple[str, ...]):
     assert_refused(call(*arguments), "File name too long")
 
 
+def test_a_folder_in_the_place_of_a_file(tmp_path: Path, scenario_file: Write):
+    (tmp_path / "mine.sumocfg").mkdir()
+    (tmp_path / "study.toml").write_text('base = "mine.sumocfg"\n[grid]\nplatoon.size = [2, 3]\n')
+    scenario, folder = "must be a scenario file, or the name of a shipped scenario", tmp_path / "mine.sumocfg"
+    for said, *words in (
+        (f"{folder}: is a folder; {scenario}", "run", folder),
+        (f"{folder}: is a folder; must be a study file", "batch", folder),
+        (f"base: 'mine.sumocfg': is a folder; {scenario}", "check", tmp_path / "study.toml"),
+        (f"sumo.net: '{folder}': is a folder; must be a network", "check", "paper_loop", f"sumo.net={folder}"),
+        (f"{folder}: is a folder; must be a SUMO config", "check", "paper_loop", f"sumo.config={folder}"),
+        ("is a folder; must be a route file", "check", scenario_file(("[run]", f'routes = ["{folder}"]\n[run]'))),
+    ):
+        assert_refused(call(*words), said)
+
+
 def test_a_file_in_a_closed_folder(monkeypatch: pytest.MonkeyPatch):
     def closed(path: Path) -> None:
         raise PermissionError(13, "Permission denied", str(path))
