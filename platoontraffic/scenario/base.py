@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
 from platoontraffic.errors import did_you_mean
@@ -23,6 +23,17 @@ LaneIndex = Annotated[int, Field(ge=0)]
 Text = Annotated[str, Field(min_length=1)]
 NAME = r"^[A-Za-z0-9_-]+$"
 Identifier = Annotated[str, Field(pattern=NAME)]
+
+
+def listed(names: Any) -> Any:
+    """A list of names, which may be given as `A,B`, or as the number that is the only name."""
+    if type(names) is int:  # an edge of OpenStreetMap
+        return [str(names)]
+    return names.split(",") if isinstance(names, str) else names
+
+
+Listed = BeforeValidator(listed)
+Names = Annotated[list[str], Listed]
 
 
 class Table(BaseModel):

@@ -13,6 +13,7 @@ from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import PRESETS, Noise
 from platoontraffic.scenario.scenario import relative_to
+from platoontraffic.scenario.tables import Manoeuvre, Sumo
 from platoontraffic.scenario.toml_lines import key_lines
 from platoontraffic.scenario.vehicle_tables import Vehicle
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -324,6 +325,19 @@ v = 1
 def test_keys_after_values_of_many_lines_have_their_lines():
     text = "a = [" + "[1, 2],\n" * 20_000 + ']\nb = \'\'\'\n] x = 1\n\'\'\'\nc = """\\"""" # [\nd = 1\n'
     assert key_lines(text) == {("a",): 1, ("b",): 20_002, ("c",): 20_005, ("d",): 20_006}
+
+
+@pytest.mark.parametrize(("given", "kept"), [("sw_se", ["sw_se"]), ("sw_se,se_ne", ["sw_se", "se_ne"]), ("7", ["7"])])
+def test_names_can_be_listed_without_brackets(given, kept):
+    assert scenario.load("paper_loop", [f"platoon.route={given}"]).spec.platoon[0].route == kept
+    assert Sumo(net="lab_loop", routes=given, additional=given).routes == kept
+    assert Manoeuvre(kind="leave", vehicle="robot.1", time_s=1.0, route=given).route == kept
+
+
+def test_vehicles_can_be_listed_without_brackets(scenario_file):
+    file = scenario_file(("size = 5\n", ""))
+    (platoon,) = scenario.load(file, ["platoon.vehicles=paper-robot,paper-robot"]).spec.platoon
+    assert [platoon.size, *(vehicle.type for vehicle in platoon.vehicles)] == [2, "paper-robot", "paper-robot"]
 
 
 @pytest.mark.parametrize(("given", "kept"), [("trips", ["trips"]), ("trips,edges", ["trips", "edges"]), ("[]", [])])
