@@ -327,6 +327,15 @@ def test_keys_after_values_of_many_lines_have_their_lines():
     assert key_lines(text) == {("a",): 1, ("b",): 20_002, ("c",): 20_005, ("d",): 20_006}
 
 
+@pytest.mark.parametrize(("given", "number"), [(".2", 0.2), ("5.", 5.0), ("+3", 3.0), (".5e1", 5.0), ("1_0", 10.0)])
+def test_numbers_on_the_command_line_may_be_written_as_elsewhere(given, number):
+    assert scenario.load("paper_loop", [f"platoon.gap_m={given}"]).spec.platoon[0].gap_m == number
+
+
+def test_a_text_that_looks_like_a_number_stays_one():
+    assert scenario.load("paper_loop", ["title=.2"]).spec.title == ".2"
+
+
 @pytest.mark.parametrize(("given", "kept"), [("sw_se", ["sw_se"]), ("sw_se,se_ne", ["sw_se", "se_ne"]), ("7", ["7"])])
 def test_names_can_be_listed_without_brackets(given, kept):
     assert scenario.load("paper_loop", [f"platoon.route={given}"]).spec.platoon[0].route == kept
