@@ -400,6 +400,16 @@ def test_a_key_of_a_table_that_there_is_not():
     )
 
 
+def test_a_fault_of_a_table_is_at_the_argument_that_set_the_key(tmp_path: Path):
+    """It was at the first argument that set a key of the table."""
+    file = tmp_path / "mine.toml"
+    file.write_text('sumo.net = "grid"\nrun.duration_s = 90\n[[equip]]\nshare = 0.5\n')
+    done = call("check", file, "equip.share=0.2", "equip.begin_s=50", "run.duration_s=60", "equip.end_s=20")
+    assert done.stderr == f"argument 4 or {file}:3: equip.0: end_s 20; must be after begin_s = 50\n"
+    done = call("check", file, "equip.share=0.2", "equip.size=3")
+    assert done.stderr.startswith(f"argument 2 or {file}:3: equip.0: `size` goes with mode")
+
+
 @pytest.mark.parametrize("modes", [("platoons", "single"), ("single", "platoons")])
 def test_a_share_in_platoons_is_the_only_one(tmp_path: Path, modes: tuple[str, str]):
     """Where it was the first table, it was taken for none."""
