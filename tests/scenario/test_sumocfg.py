@@ -270,6 +270,8 @@ def test_an_edge_can_have_a_number_for_a_name(tmp_path):
         ("<route-files", "<net-file value='other.net.xml'/><route-files", ":1: <net-file>: a second network; must"),
         ("</input>", "</input><load-state value='no.xml'/>", ":1: <load-state>: 'no.xml': no such file"),
         ("</input>", "</input><begin value='noon'/>", ":1: <begin>: 'noon'; must be a time"),
+        ("</input>", "</input><end value='-5'/>", ":1: <end>: '-5'; must be after <begin>, 0, or -1 for none"),
+        ("</input>", "</input><begin value='9'/><end value='3'/>", ":1: <end>: '3'; must be after <begin>, 9, or -1"),
         ("</input>", "</input><mesosim value='true'/>", ":1: <mesosim>: the mesoscopic model has no lanes"),
         ("ring.net.xml", "ring.rou.xml", "ring.rou.xml:4: root element is <routes>, a route file; must be <net>"),
         ("configuration", "routes", ":1: root element is <routes>, a route file; must be a SUMO configuration"),
