@@ -77,6 +77,13 @@ def test_a_fault_is_reported_with_line_and_key(scenario_file, old, new, said):
     assert any(said in fault for fault in faults(scenario_file((old, new))))
 
 
+def test_a_platoon_that_is_too_long_for_its_road_is_told_how_many_fit():
+    (fault,) = faults("corridor_platoon", "platoon.size=10000")
+    assert "platoon.8 would start at " in fault
+    assert fault.endswith("not wholly on the road; a size of 8 fits")
+    assert simulation.prepare(scenario.load("corridor_platoon", ["platoon.size=8"])).members
+
+
 def test_the_faults_of_start_and_route_are_told_at_once(scenario_file):
     given = faults(
         scenario_file(
