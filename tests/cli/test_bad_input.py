@@ -367,16 +367,30 @@ def test_vehicles_that_sumo_refuses_at_their_departure(tmp_path: Path, edges: st
     vehicle = f'<vehicle id="v" depart="3" departLane="{lane}"><route edges="{edges}"/></vehicle>'
     file.write_text(f"<routes>{vehicle}</routes>")
     traffic = 'sumo = { net = "grid", traffic = false, routes = ["mine.rou.xml"] }\nrun.duration_s = 5\n'
-    (tmp_path / "mine.toml").write_text(traffic + "[[equip]]\nshare = 0.5\n")
-    done = call("check", tmp_path / "mine.toml")
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert done.stderr.startswith(f"{file}: 'v': {said}")
-    assert call("check", tmp_path / "mine.toml", "run.duration_s=2").exit_code == 0
-    (tmp_path / "mine.toml").write_text(
-        traffic + '[[platoon]]\nvehicle = "car"\nstart = { edge = "A0_A1", position_m = 20 }\nto = "A1_A2"\n'
+    platoon = '[[platoon]]\nvehicle = "car"\nstart = { edge = "A0_A1", position_m = 20 }\nto = "A1_A2"\n'
+    for members in ("[[equip]]\nshare = 0.5\n", platoon):
+        (tmp_path / "mine.toml").write_text(traffic + members)
+        for command in (("check",), ("run", "--out", tmp_path / "out")):
+            done = call(*command, tmp_path / "mine.toml")
+            assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+            assert done.stderr.startswith(f"{file}: 'v': {said}")
+        assert call("check", tmp_path / "mine.toml", "run.duration_s=2").exit_code == 0
+
+
+@pytest.mark.sumo
+def test_routes_that_sumo_is_to_ignore_are_no_fault(tmp_path: Path):
+    """Neither for a check nor for the run."""
+    (tmp_path / "mine.rou.xml").write_text(
+        '<routes><vehicle id="v" depart="0"><route edges="A0_A1 A2_A3"/></vehicle></routes>'
     )
-    done = call("run", tmp_path / "mine.toml", "--out", tmp_path / "out")  # the demand is not read for platoons alone
-    assert (done.exit_code, done.stderr.splitlines()[-2].startswith(f"{file}: SUMO failed at 3 s: ")) == (1, True)
+    net = shipped.networks()["grid"]
+    (tmp_path / "mine.sumocfg").write_text(
+        f'<configuration><net-file value="{net}"/><route-files value="mine.rou.xml"/><end value="1"/>'
+        '<ignore-route-errors value="true"/></configuration>'
+    )
+    place = ("platoon.start.edge=A0_A1", "platoon.start.position_m=20", "platoon.to=A1_A2")
+    for command in (("check",), ("run", "--out", tmp_path / "out")):
+        assert call(*command, tmp_path / "mine.sumocfg", *place).exit_code == 0
 
 
 @pytest.mark.parametrize("seeds", ["[1.5]", '["a"]', "true", "[true]"])
