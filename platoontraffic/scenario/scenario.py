@@ -109,8 +109,8 @@ class Scenario:
         if config and config.seed not in (None, self.seed):
             texts.append(f"seed = {config.seed} is not used: the run has seed = {self.seed}")
         if config and config.step not in (None, step):
-            why = "" if step_fits(config.step, step) else ", which is no multiple of it"
-            texts.append(f"step-length = {config.step:g} is not used: the run has run.step_s = {step:g}{why}")
+            why = "" if step_fits(config.step, step) else ", because every laser scan must fall on a step"
+            texts.append(f"step-length = {config.step:g} is not used: SUMO has run.step_s = {step:g}{why}")
         return texts
 
     @property

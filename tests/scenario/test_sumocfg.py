@@ -87,8 +87,8 @@ OF_A_SCENARIO = '[sumo]\nconfig = "theirs/city.sumocfg"\n'
     ("given", "step", "said"),
     [
         ("0.05", 0.05, []),
-        ("1", 0.1, ["step-length = 1 is not used: the run has run.step_s = 0.1, which is no multiple of it"]),
-        ("0.0003125", 0.1, ["step-length = 0.0003125 is not used: the run has run.step_s = 0.1"]),
+        ("1", 0.1, ["step-length = 1 is not used: SUMO has run.step_s = 0.1, because every laser scan must fall on a"]),
+        ("0.0003125", 0.1, ["step-length = 0.0003125 is not used: SUMO has run.step_s = 0.1"]),
     ],
 )
 def test_its_step_is_used_if_it_fits_and_said_if_not(tmp_path, named_in, given, step, said):
