@@ -51,9 +51,11 @@ def shortened(text: str, longest: int) -> str:
 
 
 def no_file(path: str | Path) -> str:
-    """Why a path is no file: "" if it is one, `no such file`, or the system's words, such as `File name too long`."""
+    """Why a path is no file: "" if it is one, `is a folder`, `no such file`, or the system's words, such as `File name
+    too long`."""
     try:
-        return "" if stat.S_ISREG(os.stat(path).st_mode) else "no such file"
+        mode = os.stat(path).st_mode
+        return "" if stat.S_ISREG(mode) else "is a folder" if stat.S_ISDIR(mode) else "no such file"
     except (FileNotFoundError, NotADirectoryError):
         return "no such file"
     except OSError as error:

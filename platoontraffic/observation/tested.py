@@ -7,9 +7,8 @@ from collections.abc import Iterator
 
 from platoontraffic.controllers.path import SMOOTH, PathLeader
 from platoontraffic.controllers.tracking import HEADWAY_PER_DELAY, LEAST_HEADWAY, TrackingFollower
-from platoontraffic.road.demand import WANTED
 from platoontraffic.road.network import Network
-from platoontraffic.road.sumo_files import parse
+from platoontraffic.road.sumo_files import TRAFFIC, parse
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.world.fleet import Member
 from platoontraffic.world.prepared import Prepared
@@ -61,7 +60,7 @@ def _unheeded(prepared: Prepared) -> Iterator[str]:
         return
     for file in prepared.scenario.additional_of_sumo:
         found: dict[str, str] = {}  # what members do instead -> the first such element
-        parse(file, lambda tag, *_, found=found: found.setdefault(UNHEEDED.get(tag, ""), tag), WANTED)
+        parse(file, lambda tag, *_, found=found: found.setdefault(UNHEEDED.get(tag, ""), tag), TRAFFIC)
         yield from (f"{file}: <{tag}>: {what}" for what, tag in found.items() if what)
 
 

@@ -17,9 +17,8 @@ from xml.parsers import expat
 
 from platoontraffic.errors import InputError
 from platoontraffic.road.sumo_configuration import in_seconds
-from platoontraffic.road.sumo_files import element_of, fault_at, parse
+from platoontraffic.road.sumo_files import TRAFFIC, element_of, fault_at, parse
 
-WANTED = "must be a route file or an additional file of SUMO"
 VEHICLES = ("vehicle", "trip", "flow")
 TRANSPORTED = ("person", "personFlow", "container", "containerFlow")
 DEFAULT_TYPE = "DEFAULT_VEHTYPE"
@@ -216,7 +215,7 @@ class Walk:
             if depth >= least:
                 self._end(tag)
 
-        parse(file, start, WANTED, end, lambda text: None if self._skipped else self.text(text))
+        parse(file, start, TRAFFIC, end, lambda text: None if self._skipped else self.text(text))
         self._within = self._within[:-1]
 
     def _start(self, tag: str, attributes: dict[str, str], file: Path) -> None:

@@ -15,6 +15,7 @@ from platoontraffic.road.fastest_routes import FastestRoutes
 from platoontraffic.road.network import Network
 
 ALONE = "no other with their start and route departs soon enough"
+UNCHECKED = "this includes vehicles on routes that members cannot drive: the run leaves them to SUMO and counts them"
 RANDOM_POSITIONS = ("random", "random_free")
 
 RouteOf = Callable[[Vehicle], tuple[str, ...]]
@@ -73,6 +74,8 @@ class Plan(NamedTuple):
             lines.append(f"the demand is scaled by {scale:g}: the vehicles that this adds are platoons of one")
         elif scale < 1:
             lines.append(f"the demand is scaled by {scale:g}: platoons lack the vehicles that this leaves out")
+        if waits or self.single:
+            lines.append(UNCHECKED)
         return lines
 
 

@@ -44,6 +44,7 @@ IGNORED = re.compile(
     r"|disable-textures|registry-viewport|window-.*|tracker-interval|osg-view|[gQGSdDTBmN]"  # of sumo-gui
 )
 TAKEN = frozenset({"seed", "step-length"})  # read by this tool, which gives SUMO its own
+NO_END = -1.0  # SUMO's word for it [s]
 ON = ("true", "1", "yes", "on", "x", "t")  # SUMO's words for a switch that is on
 WANTED = "must be a SUMO configuration (.sumocfg), or one of netedit (.netecfg)"
 FOR_NETWORKS = "; `prove` and `nets check` take a network, the key sumo.net of a scenario names one"
@@ -134,6 +135,10 @@ class _Written:
                 times[option] = in_seconds(value)
             except ValueError:
                 self.fault(line, option, f"'{value}'; must be a time: seconds, or hours:minutes:seconds")
+        begin, end = max(times.get("begin", 0.0), 0.0), times.get("end", NO_END)
+        if end < begin and end != NO_END:
+            value, line = self.given["end"]
+            self.fault(line, "end", f"'{value}'; must be after <begin>, {begin:g}, or {NO_END:g} for none")
         return times
 
     def seed(self) -> int | None:
@@ -190,7 +195,7 @@ def _configuration(
         outputs={o: value for o, value in values.items() if OUTPUT.fullmatch(o) and value not in NOWHERE},
         ignored=tuple(written.ignored),
         begin=max(times.get("begin", 0.0), 0.0),
-        end=times["end"] if times.get("end", -1) >= 0 else None,
+        end=times["end"] if times.get("end", NO_END) >= 0 else None,
         step=times.get("step-length"),
         seed=seed,
     )

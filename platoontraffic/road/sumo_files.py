@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import os
 import zlib
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ from platoontraffic.road.requests import Requests
 from platoontraffic.road.sumo_values import MOST, unsound
 
 NETWORK = "a SUMO network (.net.xml)"
+TRAFFIC = "must be a route file or an additional file of SUMO"
 OTHER_ROOTS = {
     "net": "a network",
     "nodes": "a plain node file",
@@ -167,7 +167,7 @@ def id_clashes(path: Path, ids: Collection[str], within: tuple[Path, ...] = ()) 
     A flow numbers its vehicles: those of flow `x` are `x.0`, `x.1` and so on.
 
     within : files that include this one
-    raises : InputError where a file cannot be read, includes itself, or has a number that is not sound
+    raises : InputError where a file cannot be read, is of another kind, includes itself, or has an unsound number
     """
     if path.resolve() in within:
         raise InputError(f"{within[-1]}: includes {path.name}, which leads back to it; must not")
@@ -175,7 +175,14 @@ def id_clashes(path: Path, ids: Collection[str], within: tuple[Path, ...] = ()) 
     included: list[str] = []
     by_flow = {name.rpartition(".")[0]: name for name in sorted(ids, reverse=True)}
 
+    root = ""
+
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
+        nonlocal root
+        if not root:
+            root = tag
+            if tag in OTHER_ROOTS.keys() - {"routes", "additional"}:  # SUMO reads files of any other root
+                raise fault_at(path, parser, f"{wrong_root(tag)}; {TRAFFIC}")
         if tag == "include" and attributes.get("href"):
             included.append(attributes["href"])
         name = attributes.get("id", "")
@@ -186,7 +193,7 @@ def id_clashes(path: Path, ids: Collection[str], within: tuple[Path, ...] = ()) 
             fault = fault_at(path, parser, f"{tag} '{name}' is, or makes, '{made}'")
             clashes.append((made, str(fault)))
 
-    parse(path, start, "must be a route file or an additional file of SUMO")
+    parse(path, start, TRAFFIC)
     for name in included:
         clashes += id_clashes(path.parent / name, ids, (*within, path.resolve()))
     return clashes
@@ -222,8 +229,6 @@ def parse(
     raises  : InputError
     """
     path = Path(path)
-    if os.path.isdir(path):
-        raise InputError(f"{path}: is a folder; {wanted}")
     if absent := no_file(path):
         raise InputError(f"{path}: {absent}; {wanted}")
     parser = expat.ParserCreate()

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
 from platoontraffic.errors import did_you_mean
@@ -16,13 +16,24 @@ Finite = Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=MOST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=MOST, allow_inf_nan=False)]
 Speed = Annotated[float, Field(ge=0, le=100)]  # [m/s]
-Size = Annotated[float, Field(gt=0, le=100)]  # of a body [m]
+Size = Annotated[float, Field(ge=0.01, le=100)]  # of a body [m]
 Angle = Annotated[float, Field(ge=-360, le=360)]  # [deg]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 LaneIndex = Annotated[int, Field(ge=0)]
 Text = Annotated[str, Field(min_length=1)]
 NAME = r"^[A-Za-z0-9_-]+$"
 Identifier = Annotated[str, Field(pattern=NAME)]
+
+
+def listed(names: Any) -> Any:
+    """A list of names, which may be given as `A,B`, or as the number that is the only name."""
+    if type(names) is int:  # an edge of OpenStreetMap
+        return [str(names)]
+    return names.split(",") if isinstance(names, str) else names
+
+
+Listed = BeforeValidator(listed)
+Names = Annotated[list[str], Listed]
 
 
 class Table(BaseModel):

@@ -14,7 +14,7 @@ from platoontraffic.controllers.native import MOST_IN_CONSENSUS
 from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.lidar import LidarModel
 from platoontraffic.lidar.noise import DEFAULT_NAME
-from platoontraffic.road.sumo_files import id_clashes
+from platoontraffic.road.sumo_files import TRAFFIC, id_clashes
 from platoontraffic.scenario.base import is_multiple
 from platoontraffic.scenario.driver_tables import Driver
 from platoontraffic.scenario.drivers import Found, Role, default_preset, drivers_of, key_of
@@ -80,11 +80,12 @@ def _sumo(sumo: Sumo, net: Path, folder: Path) -> Iterator[Fault]:
     if absent := no_file(net):
         hint = did_you_mean(sumo.net, shipped.networks())
         absent = absent.replace("no such file", f"no such file or shipped network{hint}")
+        absent = absent.replace("is a folder", "is a folder; must be a network (.net.xml) or a shipped name")
         yield Fault(("sumo", "net"), f"{sumo.net!r}: {absent}")
     for key, names in (("routes", sumo.routes), ("additional", sumo.additional)):
         for i, name in enumerate(names):
             if absent := no_file(folder / name):
-                yield Fault(("sumo", key, i), f"{name!r}: {absent}")
+                yield Fault(("sumo", key, i), f"{name!r}: {absent}; {TRAFFIC}")
             elif "," in str(folder / name):  # SUMO would take it for two
                 yield Fault(("sumo", key, i), f"{name!r}: has a comma in its path; must have none")
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from platoontraffic.lidar import PRESETS
-from platoontraffic.scenario.base import is_multiple
+from platoontraffic.scenario.base import is_multiple, listed
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 from platoontraffic.vehicles.differential import DifferentialDrive
@@ -55,8 +55,8 @@ def with_drivers(platoon: Any) -> Any:
         return platoon
     model = _model_in(platoon)
     drivers = usual(model).drivers if model else USUAL[Car].drivers
-    listed = platoon.get("vehicles")
-    given = {"size": len(listed)} if isinstance(listed, list) and listed and "size" not in platoon else {}
+    vehicles = listed(platoon.get("vehicles"))
+    given = {"size": len(vehicles)} if isinstance(vehicles, list) and vehicles and "size" not in platoon else {}
     platoon = {**platoon, **given}
     for role, driver in drivers.items():
         named = platoon.get(role)
@@ -111,7 +111,7 @@ def _model_in(platoon: Any) -> VehicleModel | None:
     """The vehicle that the table of a platoon names, the leader's; None if the table is not sound."""
     vehicle = platoon.get("vehicle", VEHICLE) if isinstance(platoon, dict) else None
     if isinstance(platoon, dict) and "vehicles" in platoon:
-        listed = platoon["vehicles"]
-        vehicle = listed[0] if isinstance(listed, list) and listed else None
+        vehicles = listed(platoon["vehicles"])
+        vehicle = vehicles[0] if isinstance(vehicles, list) and vehicles else None
     name = vehicle.get("type", VEHICLE) if isinstance(vehicle, dict) else vehicle
     return VEHICLES.get(name) if isinstance(name, str) else None

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from platoontraffic.scenario.base import Fraction, Identifier, NotNegative, Positive, Table, Text, filled_in
+from platoontraffic.scenario.base import Fraction, Identifier, Listed, NotNegative, Positive, Table, Text, filled_in
 from platoontraffic.scenario.defaults import usual
 from platoontraffic.scenario.driver_tables import Driver
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
@@ -46,11 +46,11 @@ class Equip(Table):
     are ID.0, ID.1 and so on."""
     share: Fraction
     """Share of the vehicles that become members; 0: none does."""
-    types: list[Text] = Field([])
+    types: Annotated[list[Text], Listed] = Field([])
     """Only vehicles of these types: ids of vehicle types, not of distributions. Default: all."""
-    classes: list[Literal[tuple(VEHICLE_OF)]] = Field([])
+    classes: Annotated[list[Literal[tuple(VEHICLE_OF)]], Listed] = Field([])
     """Only vehicles of these of SUMO's vehicle classes. Default: all that can become members."""
-    edges: list[Text] = Field([])
+    edges: Annotated[list[Text], Listed] = Field([])
     """Only vehicles that depart on these edges. Default: on all."""
     begin_s: NotNegative = 0.0
     """Departures from this time on, by the clock of the run [s]: its time 0 is two steps after SUMO's begin and the
@@ -73,13 +73,6 @@ class Equip(Table):
     """Remedy for a member that has stood for `stuck_after_s`: none, it is removed, or SUMO drives it from then on."""
     stuck_after_s: Annotated[float, Field(ge=10, le=86_400)] = 300.0
     """Time at a standstill after which a member is stuck [s]."""
-
-    @field_validator("types", "classes", "edges", mode="before")
-    @classmethod
-    def listed(cls, names: Any) -> Any:
-        if type(names) is int:  # an edge of OpenStreetMap
-            return [str(names)]
-        return names.split(",") if isinstance(names, str) else names
 
     @model_validator(mode="before")
     @classmethod

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
-from platoontraffic.scenario.base import Finite, Positive, Table
+from platoontraffic.scenario.base import Finite, Names, Positive, Table
 
 
 class Learn(Table):
@@ -26,7 +26,7 @@ class Learn(Table):
     "drive" for cars, vans and trucks."""
     episode_s: Positive | None = None
     """Time from its first decision after which an episode is truncated [s]. Default: when the run would end."""
-    ends: list[str] = Field(["collision", "off_road"])
+    ends: Names = Field(["collision", "off_road"])
     """Kinds of events of the member that terminate an episode. It also ends when the member leaves the road."""
     reward: dict[str, Finite] = Field(
         {"gap_error_m": -1.0, "cross_track_m": -5.0, "jerk_mps3": -0.001, "beams_enough": 0.5, "collision": -10.0}

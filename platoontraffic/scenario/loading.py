@@ -34,18 +34,23 @@ ANY_DURATION = 86400.0  # with which further faults are looked for where a durat
 
 @dataclass(frozen=True)
 class _Places:
-    """The place of a key: `file:line`, or the argument that set it; of a table both, if one set a part of it."""
+    """The place of a key: `file:line`, or the argument that set it; of a table both, if one set a part of it.
+
+    Where several arguments set parts of a table, it is the one whose key its fault names first.
+    """
 
     source: Path
     lines: Mapping[KeyPath, int]
     arguments: Mapping[KeyPath, str]  # by the keys that they set
 
-    def __call__(self, path: KeyPath) -> str:
+    def __call__(self, path: KeyPath, what: str = "") -> str:
         for n in range(len(path), 0, -1):
             if path[:n] in self.arguments:
                 return self.arguments[path[:n]]
         line = toml_lines.line_of(self.lines, path)
-        inside = next((place for key, place in self.arguments.items() if key[: len(path)] == path), "")
+        parts = {key[-1]: place for key, place in self.arguments.items() if key[: len(path)] == path}
+        named = [parts[word] for word in re.findall(r"\w+", what) if word in parts]
+        inside = (*named, *parts.values(), "")[0]
         if inside and line:
             return f"{inside} or {self.source}:{line}"
         return inside or (f"{self.source}:{line}" if line else str(self.source))
@@ -175,8 +180,8 @@ def _find(name_or_file: str | Path) -> Path:
         raise InputError(f"{file}: is the folder of a run; its scenario is {file / 'config.toml'}")
     if not no_file(file / "study.toml"):
         raise InputError(f"{file}: is the folder of a batch; its study is {file / 'study.toml'}")
-    if os.path.isdir(file):
-        raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
+    if absent == "is a folder":
+        raise InputError(f"{file}: is a folder; must be a scenario file, or the name of a shipped scenario")
     if str(name_or_file) in shipped.studies():
         raise InputError(f"{name_or_file}: is a shipped study; `platoontraffic batch {name_or_file}` runs it")
     hint = did_you_mean(str(name_or_file), known)

@@ -15,6 +15,7 @@ from platoontraffic.scenario.base import (
     Finite,
     Fraction,
     LaneIndex,
+    Names,
     NotNegative,
     Positive,
     Size,
@@ -76,7 +77,7 @@ class Car(_Vehicle):
     """Time until it disappears again [s]. Default: it stays."""
     speed_mps: Speed = 0.0
     """Its speed until it brakes [m/s]; 0: it stands."""
-    route: list[str] = Field([])
+    route: Names = Field([])
     """Edges to drive, which contain the start edge. Without `route` and `to` it goes straight on."""
     to: Text | None = None
     """Last edge of its route, reached by the fastest path. Default: the route is `route`, or straight on."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from platoontraffic.scenario.faults import KeyPath, dotted
 from platoontraffic.scenario.toml_lines import loads
 
 TEXTS = frozenset({"edge", "to", "id", "name", "title", "net", "config"})  # keys of texts that may look like a number
+_NUMBER = re.compile(r"[+-]?(\d+\.|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)  # .2 and 5., which TOML does not have
 
 
 class Change(NamedTuple):
@@ -63,11 +65,12 @@ def _value(key: str, text: str) -> Any:
     """
     if "\n" in text:
         return text
+    is_text = key.rpartition(".")[2] in TEXTS
     try:
         value = loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
-        return text
-    return text if key.rpartition(".")[2] in TEXTS and not isinstance(value, str) else value
+        return float(text) if _NUMBER.fullmatch(text) and not is_text else text
+    return text if is_text and not isinstance(value, str) else value
 
 
 def branch_of(at: float, changes: Sequence[Change]) -> list[Change]:

@@ -41,7 +41,7 @@ class Scenario:
     metrics: MetricPlugIns
     sensors: dict[Role, tuple[FoundSensor, ...]]
     varied: dict[str, Any]  # values of the keys that arguments changed
-    place: Callable[[KeyPath], str]  # where a key stands: `file:line`, or the argument that set it
+    place: Callable[[KeyPath, str], str]  # where a key is, given its fault: `file:line`, or the argument that set it
     then: Scenario | None = None  # after the branch: with other laws, errors or breakdowns; None: there is no branch
     branched: Callable[[Sequence[Change]], Scenario] | None = field(default=None, repr=False, compare=False)
     """The scenario with changes of its key `branch`, in place of those that it has. raises: InputError"""
@@ -109,8 +109,8 @@ class Scenario:
         if config and config.seed not in (None, self.seed):
             texts.append(f"seed = {config.seed} is not used: the run has seed = {self.seed}")
         if config and config.step not in (None, step):
-            why = "" if step_fits(config.step, step) else ", which is no multiple of it"
-            texts.append(f"step-length = {config.step:g} is not used: the run has run.step_s = {step:g}{why}")
+            why = "" if step_fits(config.step, step) else ", because every laser scan must fall on a step"
+            texts.append(f"step-length = {config.step:g} is not used: SUMO has run.step_s = {step:g}{why}")
         return texts
 
     @property
@@ -232,9 +232,9 @@ class Scenario:
         return {key: table for key, table in (("lidars", lidars), ("sensors", sensors)) if table}
 
 
-def placed(fault: Fault, place: Callable[[KeyPath], str]) -> str:
+def placed(fault: Fault, place: Callable[[KeyPath, str], str]) -> str:
     """`file:line: key: what`."""
-    return f"{place(fault.path)}: {dotted(fault.path)}: {fault.what}"
+    return f"{place(*fault)}: {dotted(fault.path)}: {fault.what}"
 
 
 def _relative(file: Path, folder: Path | None) -> str:

@@ -15,6 +15,8 @@ from platoontraffic.scenario.base import (
     Fraction,
     Identifier,
     LaneIndex,
+    Listed,
+    Names,
     NotNegative,
     Positive,
     Speed,
@@ -39,9 +41,9 @@ class Sumo(Table):
     config: Text | None = None
     """A SUMO configuration (.sumocfg), which names the network, the routes and further files.
     Default: none; either `net` or `config` must be given."""
-    routes: list[str] = Field([])
+    routes: Names = Field([])
     """Route files of background traffic."""
-    additional: list[str] = Field([])
+    additional: Names = Field([])
     """Additional files for SUMO. Their polygons of type wall, obstacle or building stop lidar beams and vehicles."""
     traffic: bool = True
     """Whether a shipped network brings its own routes and bus stops. Its polygons are always used."""
@@ -107,22 +109,15 @@ class Record(Table):
     """Interval between the rows of a background vehicle in traffic.csv [s]. Default: the table is not written."""
     scans_every_s: Positive | None = None
     """Interval between the recorded scans in scans.npz [s]. Default: the file is not written."""
-    sumo: list[Literal["trips", "summary", "edges", "signals"]] = Field([])
+    sumo: Annotated[list[Literal["trips", "summary", "edges", "signals"]], Listed] = Field([])
     """SUMO's own tables to write, as sumo_trips.csv, sumo_summary.csv, sumo_edges.csv and sumo_signals.csv (states of
     traffic lights)."""
     sumo_every_s: Positive = 60.0
     """Interval between the rows of sumo_summary.csv, and length of the intervals of sumo_edges.csv [s]."""
-    passages: list[str] = Field([])
+    passages: Names = Field([])
     """Edges at whose ends all vehicles that pass are recorded, in passages.csv, as a detector would."""
-    metrics: list[str] = Field([])
+    metrics: Names = Field([])
     """Metrics beside the tool's own: names of installed ones, or module:Class from a file beside the scenario."""
-
-    @field_validator("sumo", "passages", "metrics", mode="before")
-    @classmethod
-    def listed(cls, names: Any) -> Any:
-        if type(names) is int:  # an edge of OpenStreetMap
-            return [str(names)]
-        return names.split(",") if isinstance(names, str) else names
 
 
 class Start(Table):
@@ -153,14 +148,14 @@ class Platoon(Table):
     """Number of members, the leader included. Default: the number of `vehicles`, or else 1."""
     vehicle: Vehicle = Vehicle()
     """Vehicle of all members, by name or as a table."""
-    vehicles: Annotated[list[Vehicle], Field(min_length=1)] | None = None
+    vehicles: Annotated[list[Vehicle], Field(min_length=1), Listed] | None = None
     """Vehicle of each member, the leader's first, by name or as a table; all of them cars, vans and trucks, or all
     robots. Default: `vehicle` for all members. `size` may then be left out."""
     start: Start
     """Where, when and how fast the platoon starts."""
     gap_m: Positive | None = None
     """Gap between members at the start, bumper to bumper [m]. Default: 0.5 for robots, 2.5 for cars."""
-    route: list[str] = Field([])
+    route: Names = Field([])
     """Edges to drive. For laws that need a route; they take `route` or `to`."""
     to: Text | None = None
     """Last edge of the route, reached by the fastest path. Default: the route is `route`, if that is given."""
@@ -236,7 +231,7 @@ class Manoeuvre(Table):
     """Time at which it receives the order [s]."""
     behind: str | None = None
     """Kind join: id of the member that becomes its predecessor. Default: none; required to join, and only then."""
-    route: list[str] = Field([])
+    route: Names = Field([])
     """Kind leave: edges of its new route, which contains the edge on which its platoon starts."""
     to: Text | None = None
     """Kind leave: last edge of its new route, reached by the fastest path. Default: the new route is `route`."""

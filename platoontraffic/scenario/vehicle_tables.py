@@ -6,6 +6,7 @@ Keys carry their unit. `model` converts a table into the record that the simulat
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Annotated, Any, Literal
 
@@ -15,14 +16,19 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from platoontraffic.errors import did_you_mean
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic.lidar.noise import DEFAULT_NAME
-from platoontraffic.scenario.base import Angle, Fraction, Named, NotNegative, Positive, Size, one_of
+from platoontraffic.scenario.base import MOST, Angle, Fraction, Named, Positive, Size, one_of
 from platoontraffic.scenario.defaults import VEHICLE
+from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
+from platoontraffic.vehicles.differential import DifferentialDrive
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 
+# The points of a route are a tenth of its vehicle's length apart: those of a shorter one would fill the memory.
+Footprint = Annotated[float, Field(ge=0.05, le=100)]  # length or width [m]
 Offset = Annotated[float, Field(ge=-100, le=100)]  # on a vehicle [m]
 Error = Annotated[float, Field(ge=0, le=100)]  # in the unit of its key
 Delay = Annotated[float, Field(ge=0, le=1)]  # [s]
+Lag = Annotated[float, Field(ge=0, le=60)]  # [s]
 
 # A UTM-30LX is 60 mm deep: with its face flush with the front bumper, its centre is 30 mm behind.
 LASER_BEHIND_BUMPER = 0.03  # [m]
@@ -35,14 +41,14 @@ class Vehicle(Named):
 
     type: str = VEHICLE
     """Name of the vehicle; `platoontraffic list vehicles` prints all."""
-    length_m: Size | None = None
+    length_m: Footprint | None = None
     """Length of the footprint [m]. Default: that of the type."""
-    width_m: Size | None = None
+    width_m: Footprint | None = None
     """Width of the footprint [m]. Default: that of the type."""
     axle_m: Offset | None = None
     """Position of the driven axle (robots) or the rear axle (cars), forward of the centre [m]; negative: behind it.
     Default: that of the type."""
-    lag_s: NotNegative | None = None
+    lag_s: Lag | None = None
     """First-order lag [s]: of the wheel speeds (robots), of the drive's acceleration (cars); 0: none.
     Default: that of the type."""
 
@@ -59,7 +65,7 @@ class Vehicle(Named):
     """Cars: steering angle of the bicycle model's front wheel at full lock [deg]. Default: that of the type."""
     max_steering_rate_degps: Positive | None = None
     """Cars: greatest rate of the steering angle [deg/s]. Default: that of the type."""
-    steering_lag_s: NotNegative | None = None
+    steering_lag_s: Lag | None = None
     """Cars: first-order lag of the steering [s]; 0: none. Default: that of the type."""
     max_acceleration_mps2: Positive | None = None
     """Cars: greatest acceleration at low speed [m/s2]. Default: that of the type."""
@@ -69,13 +75,13 @@ class Vehicle(Named):
     """Cars: speed at which drag takes all of the power [m/s]. Default: that of the type."""
     max_braking_mps2: Positive | None = None
     """Cars: greatest deceleration [m/s2]. Default: that of the type."""
-    max_jerk_mps3: Positive | None = None
+    max_jerk_mps3: Annotated[float, Field(ge=0.1, le=MOST)] | None = None
     """Cars: greatest jerk of the drive and of the brakes [m/s3]. Default: that of the type."""
-    brake_lag_s: NotNegative | None = None
+    brake_lag_s: Lag | None = None
     """Cars: first-order lag of the brakes [s]; 0: none. Default: that of the type."""
     grip_mps2: Annotated[float, Field(gt=0)] | None = None
     """Cars: greatest acceleration in any direction that the tyres hold [m/s2]; inf: any. Default: that of the type."""
-    response_s: Positive | None = None
+    response_s: Annotated[float, Field(gt=0, le=60)] | None = None
     """Cars: time constant with which a commanded speed is approached [s]. Default: that of the type."""
 
     @field_validator("type")
@@ -96,6 +102,17 @@ class Vehicle(Named):
             raise ValidationError.from_exception_data("Vehicle", faults)
         return self
 
+    @model_validator(mode="after")
+    def wheels_under_its_body(self) -> Vehicle:
+        faults = []
+        for key, size, must in _outside(self.model()):
+            given = getattr(self, key)
+            key, value, what = (size, getattr(self, size), f"{key} {must}") if given is None else (key, given, must)
+            faults.append(InitErrorDetails(type=PydanticCustomError("outside", what), loc=(key,), input=value))
+        if faults:
+            raise ValidationError.from_exception_data("Vehicle", faults)
+        return self
+
     def model(self) -> VehicleModel:
         changes = {}
         for key, value in self._given():
@@ -111,6 +128,18 @@ def _keys_of(model: VehicleModel) -> list[str]:
     """Keys of `Vehicle` that a vehicle of this class has."""
     own = {field.name for field in fields(model)}
     return [key for key in Vehicle.model_fields if key.rsplit("_", 1)[0] in own]
+
+
+def _outside(model: VehicleModel) -> Iterator[tuple[str, str, str]]:
+    """Wheels that are not under the body: the key of their place, that of the body's size, and what is allowed."""
+    half = model.length / 2
+    if abs(model.axle) > half:
+        yield "axle_m", "length_m", f"must be from {-half:g} to {half:g}, within the length of {model.length:g}"
+    elif isinstance(model, Car) and model.axle + model.wheelbase > half:
+        most = half - model.axle
+        yield "wheelbase_m", "length_m", f"must be at most {most:g}, from the rear axle to the front of the vehicle"
+    if isinstance(model, DifferentialDrive) and model.wheel_separation > model.width:
+        yield "wheel_separation_m", "width_m", f"must be at most {model.width:g}, the width"
 
 
 class NoiseTable(Named):

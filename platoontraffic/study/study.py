@@ -199,6 +199,8 @@ def _find(name_or_file: str | Path) -> Path:
         raise InputError(f"{file}: is the folder of a batch; its study is {file / 'study.toml'}")
     if str(name_or_file) in shipped.scenarios():
         raise InputError(f"{name_or_file}: is a scenario, not a study; `platoontraffic run` runs it")
+    if absent == "is a folder":
+        raise InputError(f"{file}: is a folder; must be a study file, or the name of a shipped study")
     if absent != "no such file":
         raise InputError(f"{name_or_file}: {absent}")
     raise InputError(f"{name_or_file}: no such study file, nor a shipped study{did_you_mean(str(name_or_file), known)}")
@@ -229,6 +231,7 @@ def _base(base: str, source: Path, place: Place) -> str:
         what = absent.replace(
             "no such file", f"no such scenario file, nor a shipped scenario{did_you_mean(base, known)}"
         )
+        what = what.replace("is a folder", "is a folder; must be a scenario file, or the name of a shipped scenario")
         raise InputError(f"{place(('base',))}: base: {base!r}: {what}")
     return str(file.resolve())
 

@@ -237,18 +237,20 @@ def _misplaced(scenario: Scenario, members: list[Member], network: Network, scen
     """Faults of the start poses; the first of each platoon is enough."""
     footprints = np.array([_footprint(m) for m in members], dtype=object)
     faults: dict[str, str] = {}  # by platoon
-    for check in (_off_road(footprints, network), _on_obstacles(footprints, scene), _on_members(footprints, members)):
+    off_road = _off_road(footprints, members, network)
+    for check in (off_road, _on_obstacles(footprints, scene), _on_members(footprints, members)):
         for i, what in check:
             faults.setdefault(members[i].platoon, f"{members[i].id} would start {what}")
     numbers = {platoon.id: i for i, platoon in enumerate(scenario.spec.platoon)}
     return [scenario.fault(("platoon", numbers[platoon], "start"), what) for platoon, what in faults.items()]
 
 
-def _off_road(footprints: np.ndarray, network: Network) -> Iterator[tuple[int, str]]:
+def _off_road(footprints: np.ndarray, members: list[Member], network: Network) -> Iterator[tuple[int, str]]:
     """Footprints (n,) that are not wholly on the road: row, and what is wrong."""
     for i in np.flatnonzero(~shapely.contains(network.drivable, footprints)):
         centre = footprints[i].centroid
-        yield i, f"at ({centre.x:.2f}, {centre.y:.2f}) m, not wholly on the road"
+        fits = f"; a size of {members[i].place} fits" if members[i].place else ""
+        yield i, f"at ({centre.x:.2f}, {centre.y:.2f}) m, not wholly on the road{fits}"
 
 
 def _on_obstacles(footprints: np.ndarray, scene: Scene) -> Iterator[tuple[int, str]]:

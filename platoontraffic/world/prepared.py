@@ -57,12 +57,11 @@ def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
     plans = obstacles.plans_of(scenario, network, members)
     orders = manoeuvres.orders(scenario, network, members)
     _check_edges(scenario, network)
-    demand = _demand(scenario) if scenario.spec.equip else None
-    if demand:
-        _check_types(scenario, demand)
-        _check_routes(scenario, network, demand)
-    platooning = _platooning(scenario, network, demand) if demand else None
-    unsorted = demand if demand and demand.unsorted else None
+    demand = _demand(scenario)
+    _check_types(scenario, demand)
+    _check_routes(scenario, network, demand)
+    platooning = _platooning(scenario, network, demand)
+    unsorted = demand if scenario.spec.equip and demand.unsorted else None
     prepared = Prepared(scenario, network, scene, members, plans, orders, platooning, unsorted)
     return branched(prepared, scenario) if scenario.then else prepared
 

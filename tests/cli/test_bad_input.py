@@ -20,6 +20,7 @@ from tests.support import ROOT
 
 LONG = "a" * 300
 CORRIDOR = shipped.networks()["corridor"]
+BOX = '[[obstacle]]\nkind = "box"\nx_m = 1.0\ny_m = 2.0\nlength_m = 1e-9\n[run]'
 Write = Callable[..., Path]
 
 
@@ -50,6 +51,9 @@ def assert_refused(done: Result, said: str) -> None:
         ("[run]", "[record]\nscans_every_s = 1e307\n[run]", "record.scans_every_s: 1e+307: should be less than"),
         ("gap_m = 0.45", "gap_m = 1e308", "mine.toml:14: platoon.0.gap_m: 1e+308: should be less than"),
         ("position_m = 1.9", "position_m = 1.9, time_s = 1e308", "platoon.0.start.time_s: 1e+308: should be less than"),
+        ("gap_m = 0.45", "vehicle = { length_m = 1e-9 }", "vehicle.length_m: 1e-09: should be greater than"),
+        ("gap_m = 0.45", "vehicle = { width_m = 1e-9 }", "vehicle.width_m: 1e-09: should be greater than"),
+        ("[run]", BOX, "mine.toml:10: obstacle.0.length_m: 1e-09: should be greater than or equal to 0.01"),
         ('law = "reactive"', 'law = "reactive"\nlidars = { x = { rate_hz = 1e-320 } }', "must be a multiple"),
         ("size = 5", "size = 9" + "9" * 5000, "mine.toml:12: platoon.0.size: has an integer of more than 64 bits"),
         ("size = 5", "size = 0x9" + "9" * 5000, "mine.toml:12: platoon.0.size: has an integer of more than 64 bits"),
@@ -168,6 +172,7 @@ def test_networks_that_crash_sumo_or_were_driven(
         ),
         ("a.add.xml", '<additional><include href="a.add.xml"/></additional>', "includes a.add.xml, which leads back"),
         ("a.add.xml", '<additional><include href="b.add.xml"/></additional>', "b.add.xml: no such file"),
+        ("a.add.xml", "<net/>", "a.add.xml:1: root element is <net>, a network; must be a route file or an additional"),
         ("a.add.xml", '<additional><vType id="t" length="-1"/></additional>', "vType 't': length = \"-1\"; must be"),
         ("a.add.xml", '<additional><vType id="t" tau="nan"/></additional>', "vType 't': tau = \"nan\"; must be"),
         ("a.add.xml", '<additional><flow id="f" period="inf"/></additional>', "flow 'f': period = \"inf\"; must be"),
@@ -177,6 +182,12 @@ def test_additional_files(name: str, text: str, said: str, tmp_path: Path, scena
     (tmp_path / name).write_text(text)
     file = scenario_file(('net = "lab_loop"', f'net = "lab_loop"\nadditional = ["{name}"]'))
     assert_refused(call("check", file), said)
+
+
+def test_a_network_given_as_a_route_file(scenario_file: Write):
+    """It was taken for traffic of no vehicles."""
+    file = scenario_file(('net = "lab_loop"', f'net = "lab_loop"\nroutes = ["{CORRIDOR}"]'))
+    assert_refused(call("check", file), "root element is <net>, a network; must be a route file or an additional file")
 
 
 def test_a_netedit_configuration_that_names_itself(tmp_path: Path):
@@ -204,6 +215,21 @@ def test_a_simulation_has_one_thread(tmp_path: Path):
 )  # fmt: skip
 def test_names_that_are_too_long(arguments: tuple[str, ...]):
     assert_refused(call(*arguments), "File name too long")
+
+
+def test_a_folder_in_the_place_of_a_file(tmp_path: Path, scenario_file: Write):
+    (tmp_path / "mine.sumocfg").mkdir()
+    (tmp_path / "study.toml").write_text('base = "mine.sumocfg"\n[grid]\nplatoon.size = [2, 3]\n')
+    scenario, folder = "must be a scenario file, or the name of a shipped scenario", tmp_path / "mine.sumocfg"
+    for said, *words in (
+        (f"{folder}: is a folder; {scenario}", "run", folder),
+        (f"{folder}: is a folder; must be a study file", "batch", folder),
+        (f"base: 'mine.sumocfg': is a folder; {scenario}", "check", tmp_path / "study.toml"),
+        (f"sumo.net: '{folder}': is a folder; must be a network", "check", "paper_loop", f"sumo.net={folder}"),
+        (f"{folder}: is a folder; must be a SUMO config", "check", "paper_loop", f"sumo.config={folder}"),
+        ("is a folder; must be a route file", "check", scenario_file(("[run]", f'routes = ["{folder}"]\n[run]'))),
+    ):
+        assert_refused(call(*words), said)
 
 
 def test_a_file_in_a_closed_folder(monkeypatch: pytest.MonkeyPatch):
@@ -362,16 +388,30 @@ def test_vehicles_that_sumo_refuses_at_their_departure(tmp_path: Path, edges: st
     vehicle = f'<vehicle id="v" depart="3" departLane="{lane}"><route edges="{edges}"/></vehicle>'
     file.write_text(f"<routes>{vehicle}</routes>")
     traffic = 'sumo = { net = "grid", traffic = false, routes = ["mine.rou.xml"] }\nrun.duration_s = 5\n'
-    (tmp_path / "mine.toml").write_text(traffic + "[[equip]]\nshare = 0.5\n")
-    done = call("check", tmp_path / "mine.toml")
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert done.stderr.startswith(f"{file}: 'v': {said}")
-    assert call("check", tmp_path / "mine.toml", "run.duration_s=2").exit_code == 0
-    (tmp_path / "mine.toml").write_text(
-        traffic + '[[platoon]]\nvehicle = "car"\nstart = { edge = "A0_A1", position_m = 20 }\nto = "A1_A2"\n'
+    platoon = '[[platoon]]\nvehicle = "car"\nstart = { edge = "A0_A1", position_m = 20 }\nto = "A1_A2"\n'
+    for members in ("[[equip]]\nshare = 0.5\n", platoon):
+        (tmp_path / "mine.toml").write_text(traffic + members)
+        for command in (("check",), ("run", "--out", tmp_path / "out")):
+            done = call(*command, tmp_path / "mine.toml")
+            assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+            assert done.stderr.startswith(f"{file}: 'v': {said}")
+        assert call("check", tmp_path / "mine.toml", "run.duration_s=2").exit_code == 0
+
+
+@pytest.mark.sumo
+def test_routes_that_sumo_is_to_ignore_are_no_fault(tmp_path: Path):
+    """Neither for a check nor for the run."""
+    (tmp_path / "mine.rou.xml").write_text(
+        '<routes><vehicle id="v" depart="0"><route edges="A0_A1 A2_A3"/></vehicle></routes>'
     )
-    done = call("run", tmp_path / "mine.toml", "--out", tmp_path / "out")  # the demand is not read for platoons alone
-    assert (done.exit_code, done.stderr.splitlines()[-2].startswith(f"{file}: SUMO failed at 3 s: ")) == (1, True)
+    net = shipped.networks()["grid"]
+    (tmp_path / "mine.sumocfg").write_text(
+        f'<configuration><net-file value="{net}"/><route-files value="mine.rou.xml"/><end value="1"/>'
+        '<ignore-route-errors value="true"/></configuration>'
+    )
+    place = ("platoon.start.edge=A0_A1", "platoon.start.position_m=20", "platoon.to=A1_A2")
+    for command in (("check",), ("run", "--out", tmp_path / "out")):
+        assert call(*command, tmp_path / "mine.sumocfg", *place).exit_code == 0
 
 
 @pytest.mark.parametrize("seeds", ["[1.5]", '["a"]', "true", "[true]"])
@@ -393,6 +433,16 @@ def test_a_key_of_a_table_that_there_is_not():
     assert done.stderr == (
         "argument 1: equip: must be a list of tables: there is none here to change, or [[equip]] was meant\n"
     )
+
+
+def test_a_fault_of_a_table_is_at_the_argument_that_set_the_key(tmp_path: Path):
+    """It was at the first argument that set a key of the table."""
+    file = tmp_path / "mine.toml"
+    file.write_text('sumo.net = "grid"\nrun.duration_s = 90\n[[equip]]\nshare = 0.5\n')
+    done = call("check", file, "equip.share=0.2", "equip.begin_s=50", "run.duration_s=60", "equip.end_s=20")
+    assert done.stderr == f"argument 4 or {file}:3: equip.0: end_s 20; must be after begin_s = 50\n"
+    done = call("check", file, "equip.share=0.2", "equip.size=3")
+    assert done.stderr.startswith(f"argument 2 or {file}:3: equip.0: `size` goes with mode")
 
 
 @pytest.mark.parametrize("modes", [("platoons", "single"), ("single", "platoons")])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from platoontraffic import shipped
 from platoontraffic.road.demand import Selection, Vehicle, chosen, common_beginning, read_demand
 from platoontraffic.road.network import Network
-from platoontraffic.road.platooning import plan, platoons
+from platoontraffic.road.platooning import UNCHECKED, plan, platoons
 
 ROUTES = ("a", "a b", "a b c", "a b d", "a e", "b", "b c")
 
@@ -162,6 +162,7 @@ def test_what_cannot_be_in_a_platoon_says_why(tmp_path, highway):
     assert lines[1].startswith("6 vehicles left over, each a platoon of one (1: ")
     assert lines[2].startswith("1 flow with random departures (some 50 vehicles before the share is taken)")
     assert lines[3].startswith("the demand is scaled by 1.5")
+    assert lines[4].startswith("this includes vehicles on routes that members cannot drive")
 
 
 def test_the_summary_counts_platoons_and_waits(tmp_path, highway):
@@ -169,7 +170,8 @@ def test_the_summary_counts_platoons_and_waits(tmp_path, highway):
     made = plan(demand_of(tmp_path, flow), Selection(1, 1.0), 3, 30.0, highway)
     assert made.waits == {"f.0": 8.0, "f.1": 4.0, "f.3": 4.0}
     assert made.summary() == [
-        "2 platoons found, of 5 vehicles: 1 of 2, 1 of 3; a vehicle waits 3.2 s on average, 8.0 s at most"
+        "2 platoons found, of 5 vehicles: 1 of 2, 1 of 3; a vehicle waits 3.2 s on average, 8.0 s at most",
+        UNCHECKED,
     ]
     assert [p.depart for p in made.platoons] == [8.0, 16.0]
-    assert made.summary(end=16.0)[1:] == ["1 platoon of these would depart after the end of the run"]
+    assert made.summary(end=16.0)[1:-1] == ["1 platoon of these would depart after the end of the run"]

@@ -13,6 +13,7 @@ from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import PRESETS, Noise
 from platoontraffic.scenario.scenario import relative_to
+from platoontraffic.scenario.tables import Manoeuvre, Sumo
 from platoontraffic.scenario.toml_lines import key_lines
 from platoontraffic.scenario.vehicle_tables import Vehicle
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -76,6 +77,13 @@ def test_a_fault_is_reported_with_line_and_key(scenario_file, old, new, said):
     assert any(said in fault for fault in faults(scenario_file((old, new))))
 
 
+def test_a_platoon_that_is_too_long_for_its_road_is_told_how_many_fit():
+    (fault,) = faults("corridor_platoon", "platoon.size=10000")
+    assert "platoon.8 would start at " in fault
+    assert fault.endswith("not wholly on the road; a size of 8 fits")
+    assert simulation.prepare(scenario.load("corridor_platoon", ["platoon.size=8"])).members
+
+
 def test_the_faults_of_start_and_route_are_told_at_once(scenario_file):
     given = faults(
         scenario_file(
@@ -108,6 +116,29 @@ def test_each_key_of_another_class_of_vehicle_is_a_fault(scenario_file):
     radius, speed = faults(file)
     assert radius.startswith(f"{file}:14: platoon.0.vehicle.wheel_radius_m: 0.3: a key of paper-robot, not of van; did")
     assert "max_wheel_speed_radps: 9.0: a key of paper-robot, not of van; did you mean" in speed
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (["vehicle.wheelbase_m=99"], "vehicle.wheelbase_m: 99.0: must be at most 3.64, from the rear axle"),
+        (["vehicle.axle_m=50"], "vehicle.axle_m: 50.0: must be from -2.37 to 2.37, within"),
+        (["vehicle.length_m=2"], "vehicle.length_m: 2.0: axle_m must be from -1 to 1, within"),
+        (["vehicle.length_m=3", "vehicle.axle_m=-1"], "vehicle.length_m: 3.0: wheelbase_m must be at most 2.5"),
+        (["vehicle.max_jerk_mps3=1e-6"], "vehicle.max_jerk_mps3: 1e-06: should be greater than or equal to 0.1"),
+        (["vehicle.response_s=1e9"], "vehicle.response_s: 1000000000.0: should be less than or"),
+        (["vehicle.lag_s=1e9"], "vehicle.lag_s: 1000000000.0: should be less than or"),
+        (["follower.time_headway_s=1e9"], "follower.time_headway_s: 1000000000.0: should be less than or"),
+    ],
+)  # fmt: skip
+def test_a_car_that_cannot_be_is_a_fault(changes, said):
+    (fault,) = faults("highway_tracking", *(f"platoon.{change}" for change in changes))
+    assert fault.startswith(f"argument 1: platoon.0.{said}")
+
+
+def test_wheels_of_a_robot_are_not_farther_apart_than_it_is_wide():
+    (fault,) = faults("paper_loop", "platoon.vehicle.wheel_separation_m=0.2")
+    assert fault == "argument 1: platoon.0.vehicle.wheel_separation_m: 0.2: must be at most 0.15, the width"
 
 
 @pytest.mark.parametrize("name", VEHICLES)
@@ -301,6 +332,28 @@ v = 1
 def test_keys_after_values_of_many_lines_have_their_lines():
     text = "a = [" + "[1, 2],\n" * 20_000 + ']\nb = \'\'\'\n] x = 1\n\'\'\'\nc = """\\"""" # [\nd = 1\n'
     assert key_lines(text) == {("a",): 1, ("b",): 20_002, ("c",): 20_005, ("d",): 20_006}
+
+
+@pytest.mark.parametrize(("given", "number"), [(".2", 0.2), ("5.", 5.0), ("+3", 3.0), (".5e1", 5.0), ("1_0", 10.0)])
+def test_numbers_on_the_command_line_may_be_written_as_elsewhere(given, number):
+    assert scenario.load("paper_loop", [f"platoon.gap_m={given}"]).spec.platoon[0].gap_m == number
+
+
+def test_a_text_that_looks_like_a_number_stays_one():
+    assert scenario.load("paper_loop", ["title=.2"]).spec.title == ".2"
+
+
+@pytest.mark.parametrize(("given", "kept"), [("sw_se", ["sw_se"]), ("sw_se,se_ne", ["sw_se", "se_ne"]), ("7", ["7"])])
+def test_names_can_be_listed_without_brackets(given, kept):
+    assert scenario.load("paper_loop", [f"platoon.route={given}"]).spec.platoon[0].route == kept
+    assert Sumo(net="lab_loop", routes=given, additional=given).routes == kept
+    assert Manoeuvre(kind="leave", vehicle="robot.1", time_s=1.0, route=given).route == kept
+
+
+def test_vehicles_can_be_listed_without_brackets(scenario_file):
+    file = scenario_file(("size = 5\n", ""))
+    (platoon,) = scenario.load(file, ["platoon.vehicles=paper-robot,paper-robot"]).spec.platoon
+    assert [platoon.size, *(vehicle.type for vehicle in platoon.vehicles)] == [2, "paper-robot", "paper-robot"]
 
 
 @pytest.mark.parametrize(("given", "kept"), [("trips", ["trips"]), ("trips,edges", ["trips", "edges"]), ("[]", [])])

@@ -87,8 +87,8 @@ OF_A_SCENARIO = '[sumo]\nconfig = "theirs/city.sumocfg"\n'
     ("given", "step", "said"),
     [
         ("0.05", 0.05, []),
-        ("1", 0.1, ["step-length = 1 is not used: the run has run.step_s = 0.1, which is no multiple of it"]),
-        ("0.0003125", 0.1, ["step-length = 0.0003125 is not used: the run has run.step_s = 0.1"]),
+        ("1", 0.1, ["step-length = 1 is not used: SUMO has run.step_s = 0.1, because every laser scan must fall on a"]),
+        ("0.0003125", 0.1, ["step-length = 0.0003125 is not used: SUMO has run.step_s = 0.1"]),
     ],
 )
 def test_its_step_is_used_if_it_fits_and_said_if_not(tmp_path, named_in, given, step, said):
@@ -270,6 +270,8 @@ def test_an_edge_can_have_a_number_for_a_name(tmp_path):
         ("<route-files", "<net-file value='other.net.xml'/><route-files", ":1: <net-file>: a second network; must"),
         ("</input>", "</input><load-state value='no.xml'/>", ":1: <load-state>: 'no.xml': no such file"),
         ("</input>", "</input><begin value='noon'/>", ":1: <begin>: 'noon'; must be a time"),
+        ("</input>", "</input><end value='-5'/>", ":1: <end>: '-5'; must be after <begin>, 0, or -1 for none"),
+        ("</input>", "</input><begin value='9'/><end value='3'/>", ":1: <end>: '3'; must be after <begin>, 9, or -1"),
         ("</input>", "</input><mesosim value='true'/>", ":1: <mesosim>: the mesoscopic model has no lanes"),
         ("ring.net.xml", "ring.rou.xml", "ring.rou.xml:4: root element is <routes>, a route file; must be <net>"),
         ("configuration", "routes", ":1: root element is <routes>, a route file; must be a SUMO configuration"),
