@@ -509,7 +509,7 @@ class Player {
     const kinds = [...new Set(this.run.events.map((event) => event.kind))].sort();
     const troubles = this.run.events.some((event) => severity(event.kind) !== "info");
     filter.append(
-      ...(troubles ? [make("option", { value: "!", textContent: "what went wrong" })] : []),
+      ...(troubles ? [make("option", { value: "!", textContent: "faults and holds" })] : []),
       make("option", { value: "", textContent: "all" }),
       make("option", { value: "@", textContent: "of the chosen member" }),
       ...kinds.map((kind) => make("option", { value: kind, textContent: words(kind), title: this.run.kinds[kind] ?? "" })),
