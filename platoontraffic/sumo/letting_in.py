@@ -112,8 +112,8 @@ class LettingIn:
 
         def refuses(foe: str, name: str) -> bool:
             """A follower lets in only members of its own platoon that are to be ahead of it."""
-            (own, own_place), (other, other_place) = places.get(foe, ("", 0)), places.get(name, ("", 0))
-            return foe in unwilling or (own_place > 0 and not (other == own and other_place < own_place))
+            (platoon, place), (its_platoon, its_place) = places.get(foe, ("", 0)), places.get(name, ("", 0))
+            return foe in unwilling or (place > 0 and not (its_platoon == platoon and its_place < place))
 
         stopped_before = dict(self.stops)
         self.stops.clear()
