@@ -161,6 +161,7 @@ def print_differences(folders: Sequence[Path], names: Sequence[str]) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
     for number, name in enumerate(names, start=1):
         out.print(f"{number}: {name}", soft_wrap=True, markup=False)
+    out.print("+ and -: difference to the run without branch; =: value, where that run has none", soft_wrap=True)
     table.add_column("metric that differs", no_wrap=True)
     for heading in (*(f"in {number}" for number in range(1, len(folders))), "without branch"):
         table.add_column(heading, justify="right", no_wrap=True)
