@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.field import FieldLaw, Own, constant_headway
-from platoontraffic.controllers.law import A_MINUTE, Known, Linear
+from platoontraffic.controllers.law import MAX_HEADWAY, Known, Linear
 from platoontraffic.vehicles.motion import NotNegative, Positive
 
 
@@ -28,7 +28,7 @@ from platoontraffic.vehicles.motion import NotNegative, Positive
 class ConstantTimeHeadway(FieldLaw):
     """Adaptive cruise control with a constant time headway (Rajamani, eq. 6.18)."""
 
-    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=A_MINUTE)] = 1.5  # beyond the standstill gap
+    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=MAX_HEADWAY)] = 1.5  # beyond the standstill gap
     distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s")] = 0.1  # lambda
     standstill: Annotated[NotNegative, Field(alias="standstill_m")] = 2.0  # s0
 

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.field import FieldLaw, Own
-from platoontraffic.controllers.law import A_MINUTE, Known, Linear
+from platoontraffic.controllers.law import MAX_HEADWAY, Known, Linear
 from platoontraffic.vehicles.motion import NotNegative, Positive
 
 
@@ -28,7 +28,7 @@ from platoontraffic.vehicles.motion import NotNegative, Positive
 class CommercialAcc(FieldLaw):
     """Adaptive cruise control of a production car (Milanés, Shladover 2014)."""
 
-    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=A_MINUTE)] = 1.6  # h
+    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=MAX_HEADWAY)] = 1.6  # h
     distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s2")] = 0.23  # k1
     speed_gain: Annotated[Positive, Field(alias="speed_gain_per_s")] = 0.07  # k2
     standstill: Annotated[NotNegative, Field(alias="standstill_m")] = 2.0  # s0

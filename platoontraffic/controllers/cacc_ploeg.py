@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.field import Feed, FieldLaw, Own, filtered
-from platoontraffic.controllers.law import A_MINUTE, Known, Linear
+from platoontraffic.controllers.law import MAX_HEADWAY, Known, Linear
 from platoontraffic.vehicles.motion import NotNegative, Positive
 
 
@@ -31,7 +31,7 @@ class PloegFollower(FieldLaw):
     """
 
     feed: Feed = "messages"
-    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=A_MINUTE)] = 0.7  # h
+    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=MAX_HEADWAY)] = 0.7  # h
     distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s2")] = 0.2  # kp
     speed_gain: Annotated[Positive, Field(alias="speed_gain_per_s")] = 0.7  # kd
     feed_forward: bool = True  # of the predecessor's desired acceleration

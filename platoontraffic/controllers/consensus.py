@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.field import Feed, FieldLaw, Own
-from platoontraffic.controllers.law import A_MINUTE, Known, Linear
+from platoontraffic.controllers.law import MAX_HEADWAY, Known, Linear
 from platoontraffic.vehicles.motion import NotNegative, Positive
 
 
@@ -44,7 +44,7 @@ class ConsensusFollower(FieldLaw):
     leader_gain: Annotated[NotNegative, Field(alias="leader_gain_per_s2")] = 0.08  # k
     member_gain: Annotated[NotNegative, Field(alias="member_gain_per_s2")] = 0.08  # k of those between
     only_gain: Annotated[Positive, Field(alias="only_gain_per_s2")] = 0.46  # k, where the predecessor leads
-    time_headway: Annotated[NotNegative, Field(alias="time_headway_s", le=A_MINUTE)] = 0.8  # h
+    time_headway: Annotated[NotNegative, Field(alias="time_headway_s", le=MAX_HEADWAY)] = 0.8  # h
     standstill: Annotated[NotNegative, Field(alias="standstill_m")] = 15.0  # s
 
     @property

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.law import A_MINUTE, Decision, Known, Law, Sensed
+from platoontraffic.controllers.law import MAX_HEADWAY, Decision, Known, Law, Sensed
 from platoontraffic.controllers.policy import group_target
 from platoontraffic.lidar import LidarModel
 from platoontraffic.vehicles.motion import NotNegative, Twist
@@ -32,7 +32,7 @@ class External(Law):
     view: Annotated[float, Field(gt=0, le=math.tau, alias="view_rad")] = math.radians(23.0)  # of its target
     # Distance from laser to rear that it is to keep, for the spacing error: at rest; None: none.
     stand_off: Annotated[NotNegative | None, Field(alias="stand_off_m")] = None
-    headway: Annotated[NotNegative, Field(alias="headway_s", le=A_MINUTE)] = 0.0  # what it grows by with the speed
+    headway: Annotated[NotNegative, Field(alias="headway_s", le=MAX_HEADWAY)] = 0.0  # what it grows by with the speed
     # Other members that whoever drives it observes.
     observes: Annotated[tuple[Literal["truth", "messages", "leader"], ...], Field(alias="needs")] = ()
 

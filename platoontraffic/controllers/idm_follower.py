@@ -18,7 +18,7 @@ from pydantic import Field
 
 from platoontraffic.controllers import idm
 from platoontraffic.controllers.field import FieldLaw, Own
-from platoontraffic.controllers.law import A_MINUTE, Known, Linear
+from platoontraffic.controllers.law import MAX_HEADWAY, Known, Linear
 from platoontraffic.vehicles.motion import NotNegative, Positive
 
 LEAST_GAP = 0.1  # to which a shorter gap is taken [m]
@@ -29,7 +29,7 @@ class IntelligentDriver(FieldLaw):
     """The Intelligent Driver Model (Treiber, Hennecke, Helbing 2000)."""
 
     desired_speed: Annotated[Positive, Field(alias="desired_speed_mps")] = 120 / 3.6  # v0
-    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=A_MINUTE)] = 1.6  # T
+    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=MAX_HEADWAY)] = 1.6  # T
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 0.73  # a
     braking: Annotated[Positive, Field(alias="braking_mps2")] = 1.67  # b
     standstill: Annotated[NotNegative, Field(alias="standstill_m")] = 2.0  # s0

@@ -18,7 +18,7 @@ from platoontraffic.vehicles.records import row
 # What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead;
 # its predecessor without errors, or by messages; with one of these also the platoon's leader, or all its members.
 NEEDS = frozenset({"route", "signals", "leads", "truth", "messages", "leader", "members"})
-A_MINUTE = 60.0  # longest time headway of a law [s]
+MAX_HEADWAY = 60.0  # longest time headway of a law [s]
 
 
 class Law:

@@ -15,7 +15,7 @@ from platoontraffic.controllers import creeping
 from platoontraffic.controllers.clear_distance import greatest_speed, reach_of, reaction_time
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
-from platoontraffic.controllers.law import A_MINUTE, BRAKES_FOR, Body, BrakingFor, Decision, Law, Sensed
+from platoontraffic.controllers.law import BRAKES_FOR, MAX_HEADWAY, Body, BrakingFor, Decision, Law, Sensed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid, through_lags
 from platoontraffic.controllers.tracker.own_motion import Driven, seen_from
 from platoontraffic.controllers.tracker.track import Odometry
@@ -117,7 +117,7 @@ class PathLeader(Law):
     stand_off: Annotated[NotNegative | None, Field(alias="stand_off_m")] = (
         None  # default: half a length, and blind spot
     )
-    time_headway: Annotated[NotNegative, Field(alias="time_headway_s", le=A_MINUTE)] = 1.5  # to an obstacle that moves
+    time_headway: Annotated[NotNegative, Field(alias="time_headway_s", le=MAX_HEADWAY)] = 1.5  # to a moving obstacle
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5  # comfortable
     braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.0  # comfortable
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 8.0

@@ -14,7 +14,7 @@ from pydantic import Field
 from platoontraffic.controllers import beside
 from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.creeping import Creeping
-from platoontraffic.controllers.law import A_MINUTE, BrakingFor, Decision, Law, RouteAhead, Sensed, Target
+from platoontraffic.controllers.law import MAX_HEADWAY, BrakingFor, Decision, Law, RouteAhead, Sensed, Target
 from platoontraffic.controllers.path import LINE, AlongRoute, PathLeader, bearing_of, first_touched, nothing
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
@@ -231,7 +231,7 @@ class TrackingFollower(Law):
     coarsest: ClassVar[float] = GRAZING / (BRIDGED + 1)
 
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
-    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=A_MINUTE)] = 1.0  # beyond the stand-off
+    time_headway: Annotated[Positive, Field(alias="time_headway_s", le=MAX_HEADWAY)] = 1.0  # beyond the stand-off
     distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s")] = 0.4  # closing speed by distance
     catching_up: Annotated[Positive, Field(alias="catching_up_mps")] = 3.0  # closing speed that is always allowed
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5  # comfortable

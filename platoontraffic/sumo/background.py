@@ -1,4 +1,4 @@
-"""Background traffic: SUMO's own vehicles and pedestrians, those of them that may be in range of a member."""
+"""Background traffic: SUMO's own vehicles and pedestrians, those of them that may matter to a member."""
 
 from __future__ import annotations
 
@@ -69,9 +69,9 @@ class Background:
         self._time = 0.0  # SUMO's clock after the last step [s]
 
     def traffic(self, fleet: Fleet, reach: float, held: Set[str], time: float) -> TrafficSnapshot:
-        """Background vehicles and pedestrians, minus most that are out of range of every member.
+        """Background vehicles and pedestrians, minus most that do not matter to any member.
 
-        reach: range, from a member's centre [m]; inf: all
+        reach: as in `_range` [m]; inf: all
         held : vehicles in SUMO that are obstacles
         time : of the snapshot [s]
         """

@@ -168,7 +168,8 @@ class World:
     def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
         """Vehicles and people at this instant: members as the fleet has them, background traffic as SUMO does.
 
-        reach: range, from a member's centre [m]; background traffic out of range of every member may be left out
+        reach: distance from a member's centre beyond which background traffic may be left out [m], if it comes to the
+               same place as no member within `CONTACT_HORIZON`
         """
         time = self._time()
         background = self._background.traffic(fleet, reach, self._obstacles.in_sumo, time)

@@ -58,7 +58,8 @@ class Ground(Protocol):
     def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
         """Vehicles and people at this instant: members as the fleet has them, then background traffic, then obstacles.
 
-        reach: range, from a member's centre [m]; background traffic out of range of every member may be left out
+        reach: distance from a member's centre beyond which background traffic may be left out [m], if it comes to the
+               same place as no member within `CONTACT_HORIZON`
         """
 
     def hold(self, obstacles: TrafficSnapshot, routes: Mapping[str, tuple[str, ...]]) -> None:

@@ -512,5 +512,5 @@ def test_one_that_is_off_the_road_is_let_in_where_it_is(held):
 
 
 def test_one_that_has_driven_on_is_let_in_no_longer(held):
-    """Its place on the next edge was taken for one on the edge before: who was to let it in braked for nothing."""
+    """Its place on the next edge was taken for one on the edge before; the vehicle that waited braked for nothing."""
     assert held("f_0") == [OWN_DRIVER]
